@@ -79,7 +79,7 @@ def test_no_late_joints_come_nearer_than_is_found_and_proved(swing, proved):
 @pytest.mark.parametrize("on_time", [True, False], ids=["on time", "not at all"])
 def test_without_proof_of_late_joints_the_rest_is_proved(swing, proved, monkeypatch, on_time):
     robot, motion, limits = swing
-    found = SearchWithin.found
+    found = SearchWithin.claims
     late = attrgetter("sharing.late.delay")
 
     def found_on_time(search, *args):

@@ -260,7 +260,7 @@ def test_feet_beside_clamps_share_as_a_quadratic_program_says():
             expected = least_energy(elastic.stiffness[:, 0], W, load, elastic.lowest)
             if expected is None:
                 continue
-            assert shared.found[i]
+            assert shared.balanced[i]
             np.testing.assert_allclose(shared.forces[i, :, 0], expected, atol=1e-4)
             compared, let_go = compared + 1, let_go + (not shared.pressing[i].all())
     assert compared > 200

@@ -83,12 +83,12 @@ def test_map_holds_what_a_scan_finds(placed):
     np.testing.assert_allclose(np.ma.filled(mesh.get_array(), np.nan).reshape(total.shape), total)
     assert (total[np.isfinite(total)] >= best.total - 1e-6).all()  # nothing beats the optimum
     evaluator = Evaluator(best.problem)
-    row = int(np.nanargmin(chart.found.totals))
-    again = evaluate_placement(evaluator, best.patch, chart.found.parameters[row], chart.found.angles[row])
+    row = int(np.nanargmin(chart.scan.totals))
+    again = evaluate_placement(evaluator, best.patch, chart.scan.parameters[row], chart.scan.angles[row])
     assert again.feasible
-    assert again.total == pytest.approx(chart.found.totals[row])
+    assert again.total == pytest.approx(chart.scan.totals[row])
     x, y = chart.axes
-    np.testing.assert_allclose(chart.found.parameters[row][:2], [x[row % CELLS], y[row // CELLS]])
+    np.testing.assert_allclose(chart.scan.parameters[row][:2], [x[row % CELLS], y[row // CELLS]])
     assert set(chart.causes.ravel()) <= {"", *CAUSES}
     assert np.isnan(total[chart.causes != ""]).all()
 
@@ -120,7 +120,7 @@ def test_refused_placements_are_drawn_with_their_causes():
     assert "joint torques" in texts
     assert "NOT feasible" in figures["placement"].get_suptitle()
     chart = PlacementMap.of(error.nearest, 7)
-    assert not chart.found.feasible.any()
+    assert not chart.scan.feasible.any()
     assert np.isnan(chart.values("total")).all()
 
 

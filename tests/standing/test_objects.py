@@ -390,7 +390,7 @@ def test_stops_of_a_slide_use_the_friction_of_the_object_that_their_deceleration
     stops = check_stops(robot, motion, limits, StopRules(), checked, "path")
     assert stops.verified
     assert np.all(stops.speeds["path"] == 1)
-    assert "of objects low is critical: tipping margin >= " in stops.found[0]
+    assert "of objects low is critical: tipping margin >= " in stops.summary[0]
     for deceleration in (1.0, 2.5):
         cancel = Cancel((deceleration,))
         _, of_low = cancelled_motion(robot, motion, cancel, 1)

@@ -84,12 +84,12 @@ def chart(
     """
     for name, value, least in (("samples", samples, 1), ("seed", seed, 0), ("sectors", sectors, 1)):
         whole_number(name, value, least)
-    for own in ballast:
-        positive_number("ballast", own, zero_allowed=True)
-    for own in foot_width:
-        positive_number("foot_width", own)
-    found = load_task(task, uncertainty=uncertainty)
-    robot, _, limits = rests_of(found)["start"]
+    for size in ballast:
+        positive_number("ballast", size, zero_allowed=True)
+    for size in foot_width:
+        positive_number("foot_width", size)
+    result = load_task(task, uncertainty=uncertainty)
+    robot, _, limits = rests_of(result)["start"]
     robot.require_no_objects("chart")
     if not isinstance(robot, Robot):
         raise InputError("task: load charts are for arms; this robot is a parallel one")
@@ -104,17 +104,17 @@ def chart(
     masses = _different(held, rated) if payloads is None else finite_array("payloads", payloads, (None,))
     if np.any(masses < 0):
         raise InputError(f"payloads: must be >= 0 kg, got {masses.tolist()}")
-    made = LoadChart.of(found.name, robot, limits, q, held, (samples, seed), masses, sectors, cell, most)
-    bases = [(BALLAST, own, ballasted(robot.support, robot.support.mass + own)) for own in ballast]
-    bases += [(FOOT_WIDTH, own, widened(robot.support, own)) for own in foot_width]
+    made = LoadChart.of(result.name, robot, limits, q, held, (samples, seed), masses, sectors, cell, most)
+    bases = [(BALLAST, size, ballasted(robot.support, robot.support.mass + size)) for size in ballast]
+    bases += [(FOOT_WIDTH, size, widened(robot.support, size)) for size in foot_width]
     return replace(made, designs=tuple(made.on_base(*base) for base in bases))
 
 
 def _different(held: LargestPayloads, rated: float | None) -> np.ndarray:
     """Payloads, kg, ascending, whose reaches differ: those that most, some and few postures hold."""
     masses = held.masses[held.unloaded]
-    found = np.quantile(masses, _QUANTILES) if len(masses) else np.empty(0)
-    return np.unique([0.0, *([rated] if rated else []), *(float(f"{mass:.2g}") for mass in found)])
+    result = np.quantile(masses, _QUANTILES) if len(masses) else np.empty(0)
+    return np.unique([0.0, *([rated] if rated else []), *(float(f"{mass:.2g}") for mass in result)])
 
 
 def halton_postures(robot: Robot, limits: Limits, samples: int, seed: int) -> np.ndarray:
@@ -197,11 +197,11 @@ class LoadChart(SavedFolder):
     @cached_property
     def _index(self) -> np.ndarray:
         """(N, 3) cell of each posture by azimuth, reach and height."""
-        found = [
+        results = [
             np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
             for edges, values in zip(self.edges, self.places.T, strict=True)
         ]
-        return np.column_stack(found).reshape(-1, 3)
+        return np.column_stack(results).reshape(-1, 3)
 
     def cells(self, *, azimuth: bool = True, height: bool = True) -> list[ChartCell]:
         """The cells with postures, by azimuth, reach and height; without azimuth all around is one cell."""
@@ -243,12 +243,12 @@ class LoadChart(SavedFolder):
         """kg that all postures up to each reach hold."""
         masses, index = np.where(held.unloaded, held.masses, 0.0), self._index[:, 1]
         within = [masses[index <= k] for k in range(len(self.edges[1]) - 1)]
-        return tuple(float(own.min()) if len(own) else None for own in within)
+        return tuple(float(column.min()) if len(column) else None for column in within)
 
     @cached_property
     def reaches(self) -> tuple[ReachBySector, ...]:
         """Largest reach by azimuth of each of the payloads."""
-        found, sector, reach = [], self._index[:, 0], self.places[:, 1]
+        results, sector, reach = [], self._index[:, 0], self.places[:, 1]
         for payload in self.payloads:
             holds = self.held.unloaded & (self.held.masses >= payload)
             ends: list[tuple[float | None, float | None]] = []
@@ -261,8 +261,8 @@ class LoadChart(SavedFolder):
                     if here.any()
                     else (None, None)
                 )
-            found.append(ReachBySector(float(payload), *(tuple(one) for one in zip(*ends, strict=True))))
-        return tuple(found)
+            results.append(ReachBySector(float(payload), *(tuple(one) for one in zip(*ends, strict=True))))
+        return tuple(results)
 
     @property
     def _feet(self) -> np.ndarray:
@@ -275,9 +275,9 @@ class LoadChart(SavedFolder):
         if not len(self.q):
             return "no posture drawn keeps the clearance"
         masses, half = self._within(self.held), (len(self.edges[1]) - 2) // 2
-        known = [(k, own) for k, own in enumerate(masses) if own is not None]
-        near = next(((k, own) for k, own in known if k >= half), known[-1])
-        ends = [f"{self.edges[1][k + 1]:.3g} m: {quantity(own, 'kg', 3)}" for k, own in (near, known[-1])]
+        known = [(k, mass) for k, mass in enumerate(masses) if mass is not None]
+        near = next(((k, mass) for k, mass in known if k >= half), known[-1])
+        ends = [f"{self.edges[1][k + 1]:.3g} m: {quantity(mass, 'kg', 3)}" for k, mass in (near, known[-1])]
         return f"payload of all postures up to a reach of {', '.join(dict.fromkeys(ends))}"
 
     @property
@@ -377,14 +377,14 @@ class LoadChart(SavedFolder):
 
     def contents(self, figures: bool) -> dict[str, bytes]:
         """chart.csv and chart.png."""
-        found = {"chart.csv": self.to_csv().encode()}
+        files = {"chart.csv": self.to_csv().encode()}
         if self.designs:
-            found["design.csv"] = self.designs_csv().encode()
+            files["design.csv"] = self.designs_csv().encode()
         if figures:
-            found["chart.png"] = self.picture()
+            files["chart.png"] = self.picture()
             if self.designs:
-                found["design.png"] = design_picture(self.name, self.scope, self.edges[1], self.designs)
-        return found
+                files["design.png"] = design_picture(self.name, self.scope, self.edges[1], self.designs)
+        return files
 
 
 _COLUMNS = (("azimuth", "deg"), ("reach", "m"), ("height", "m"))

@@ -244,10 +244,10 @@ def check(
     asked = {"sensitivities": sensitivities, "design": design}
     refuse_objects(task, *(name for name, wanted in asked.items() if wanted))
     if task.robot.acts.end and stops is None:
-        task = task.each(lambda own: replace(own, limits=own.limits.without_stops))
+        task = task.each(lambda one_task: replace(one_task, limits=one_task.limits.without_stops))
     refuse_driving(task, *["stops"] * (stops is not None), *["sensitivities"] * sensitivities)
     if stops is not None and "path" in SCENARIOS[stops]:
-        task = task.each(lambda own: replace(own, limits=own.stops.asked(own.limits)))
+        task = task.each(lambda one_task: replace(one_task, limits=one_task.stops.asked(one_task.limits)))
     how = {"step": step, "progress": progress}
     with naming(name):
         say("checking the motion ...")
@@ -329,10 +329,10 @@ def offsets_of(motion: Trajectory, task: MotionTask) -> dict[str, tuple[float, f
     off = np.abs(ends - asked)
     if isinstance(task.robot, Robot):
         arm = task.robot.arm
-        for own, posture, target in zip(off, ends, task.targets, strict=True):
+        for end_offsets, posture, target in zip(off, ends, task.targets, strict=True):
             if target is not None and target.reached(arm, posture[None], REACHED)[0]:
-                own[:] = 0.0
-    start, goal = (_by_unit(own, task) for own in off)
+                end_offsets[:] = 0.0
+    start, goal = (_by_unit(end_offsets, task) for end_offsets in off)
     return {unit: (start[unit], goal[unit]) for unit in start}
 
 
@@ -340,19 +340,19 @@ def _by_unit(off: np.ndarray, task: Task) -> dict[str, float]:
     """Largest of offsets (n,), rad and m, by unit of files, as far as there are coordinates of it."""
     angular = np.array(task.robot.units) == "rad"
     values = {"deg": np.degrees(off[angular]), "m": off[~angular]}
-    return {unit: float(own.max()) for unit, own in values.items() if len(own)}
+    return {unit: float(value.max()) for unit, value in values.items() if len(value)}
 
 
 def _offsets_of_cycle(
     task: CycleTask, motion: Trajectory
 ) -> tuple[dict[str, tuple[float, float]], tuple[str, ...]]:
     """The offsets of a cycle's segment ends from the task, and messages about goals that are missed."""
-    seams = [motion.start, *(own.goal for own in motion.segments)]
+    seams = [motion.start, *(part.goal for part in motion.segments)]
     offsets = [_by_unit(task.offset(end, q, SAME["m"]), task) for end, q in enumerate(seams)]
     misses = tuple(
         _off_text(task, end, seams[end], unit, offset)
-        for end, own in enumerate(offsets)
-        for unit, offset in own.items()
+        for end, part in enumerate(offsets)
+        for unit, offset in part.items()
         if offset > SAME[unit]
     )
     return {unit: (offsets[0][unit], offsets[-1][unit]) for unit in offsets[0]}, misses

@@ -57,8 +57,8 @@ def compare(
     measured = read_recording(recording, folder.task.robot, unit=unit, columns=columns, topics=topics)
     doubt_turns(measured, folder.task.robot, folder.motion)
     with naming(Path(recording).name):
-        found = compared(measured, predictor, level=level, same_clock=same_clock)
-    return PlanComparison(folder.task.name, predictor, found, measured)
+        result = compared(measured, predictor, level=level, same_clock=same_clock)
+    return PlanComparison(folder.task.name, predictor, result, measured)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,24 +74,24 @@ class PlanComparison:
 
     name: str
     predictor: Predictor
-    found: Comparison
+    comparison: Comparison
     recording: Recording
 
     @property
     def agrees(self) -> bool:
         """Whether nothing differs from what was described."""
-        return self.found.agrees
+        return self.comparison.agrees
 
     def __repr__(self) -> str:
         """The number of findings, and their names."""
-        names = ", ".join(finding.name for finding in self.found.findings)
+        names = ", ".join(finding.name for finding in self.comparison.findings)
         return f"<PlanComparison {self.name}: {'agrees' if self.agrees else f'differs: {names}'}>"
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers but the curves."""
         return {
             "task": self.name,
-            **self.found.to_dict(),
+            **self.comparison.to_dict(),
             "period_s": self.recording.period,
             "time_bases": list(self.recording.rates),
             "versions": versions(),
@@ -102,4 +102,4 @@ class PlanComparison:
         if Path(path).suffix == ".json":
             write_json(Path(path), self.to_dict())
             return Path(path)
-        return save_comparison(path, self.found, self.predictor, self.name)
+        return save_comparison(path, self.comparison, self.predictor, self.name)

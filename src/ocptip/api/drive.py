@@ -120,10 +120,10 @@ def drive(
     search = StowSearch(robot, posture.limits)
     drawn = np.vstack([posture.q, halton_postures(robot, posture.limits, samples, seed)])
     name = posture.scene.name.removesuffix(f" at {posture.name}") + " in its stow pose"
-    found = [
+    results = [
         DriveEnvelope(name, robot, best, tolerance, counting, given)
         for best in search.best(drawn, _STARTS, np.random.default_rng(seed))
     ]
-    if not found:
+    if not results:
         raise InputError("stow: every posture drawn collides, or comes nearer than the clearance")
-    return max(found, key=lambda one: one.worst_direction[0])
+    return max(results, key=lambda one: one.worst_direction[0])

@@ -49,12 +49,14 @@ def export(
     files = {}
     with naming(str(folder.path)):
         for number, part in enumerate(parts, 1):
-            own = {"name": f"{name}, {part.name}" if part.name else name}
+            description = {"name": f"{name}, {part.name}" if part.name else name}
             segment = number if len(parts) > 1 else None
             if mjcf is not None:
-                files[_path(mjcf, segment)] = to_mjcf(part.robot, part.motion, begin=part.begin, **own)
+                files[_path(mjcf, segment)] = to_mjcf(
+                    part.robot, part.motion, begin=part.begin, **description
+                )
             if urdf is not None:
-                files[_path(urdf, segment)] = to_urdf(part.robot, **own)
+                files[_path(urdf, segment)] = to_urdf(part.robot, **description)
     for path in files:
         require_replaceable_file(path, overwrite=overwrite)
     return Exported(name, parts, files)

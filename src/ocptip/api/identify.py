@@ -129,30 +129,32 @@ def _power(path: Path, predictor: Predictor | None) -> Identification:
                 f"column joint: expected 1 to {max(samples)}, got {', '.join(map(str, samples))}"
             )
         maps = []
-        for joint, own in samples.items():
+        for joint, joint_map in samples.items():
             with naming(f"joint {joint}"):
-                maps.append(fit_power_map(*own))
+                maps.append(fit_power_map(*joint_map))
         if predictor is not None and predictor.robot.n != len(maps):
             raise InputError(f"maps of {len(maps)} joints, the plan's robot has {predictor.robot.n}")
-    data = {"maps": [own.to_dict() for own in maps]}
+    data = {"maps": [joint_map.to_dict() for joint_map in maps]}
     return Identification("power", {"motors": motors_table(maps)}, data, maps, SIGMAS, predictor=predictor)
 
 
-def _doubt_plain(found: Identified, recording: Recording) -> None:
+def _doubt_plain(identified: Identified, recording: Recording) -> None:
     """Warn where plain least squares says something else: then the model of the recording does not hold."""
-    own = found.estimate
-    names = [*found.names]
-    names += [f"{word} friction {j + 1}" for word in ("dry", "viscous") for j in range(len(found.coulomb))]
-    far = int(np.argmax(own.away))
+    fit = identified.estimate
+    names = [*identified.names]
+    names += [
+        f"{word} friction {j + 1}" for word in ("dry", "viscous") for j in range(len(identified.coulomb))
+    ]
+    far = int(np.argmax(fit.away))
     worse = [
         f"{recording.of(kind)[number].name} {rms:.3g} instead of {plain:.3g}"
-        for kind, number, rms, plain in own.signals
+        for kind, number, rms, plain in fit.signals
         if rms > _WORSE * plain
     ]
-    if own.away[far] > _FAR or worse:
+    if fit.away[far] > _FAR or worse:
         left = f"; it leaves more over: {', '.join(worse)}" if worse else ""
         doubt(
-            f"arm: plain least squares contradicts the estimate, most in {names[far]} ({own.away[far]:.1f} "
+            f"arm: plain least squares contradicts the estimate, most in {names[far]} ({fit.away[far]:.1f} "
             f"standard errors){left}; something is not in the model, such as a filter of the torques "
             "(--bandwidth), elastic joints, or friction that depends on load"
         )
@@ -162,7 +164,10 @@ def beyond_samples(maps: Sequence[PowerMap], predictor: Predictor) -> list[float
     """Per joint, the share of the plan's motion that is beyond the samples of its power map."""
     times = np.linspace(0.0, predictor.motion.end, _INSTANTS)
     state = predictor.state(times, np.zeros(len(maps)), np.zeros(4 * predictor.robot.arm.links + 1))
-    return [float(own.outside(state.torques[:, j], state.qd[:, j]).mean()) for j, own in enumerate(maps)]
+    return [
+        float(index_map.outside(state.torques[:, j], state.qd[:, j]).mean())
+        for j, index_map in enumerate(maps)
+    ]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -231,34 +236,34 @@ class ExcitingMotion:
     """
 
     name: str
-    found: Excitation
+    excitation: Excitation
 
     def __repr__(self) -> str:
         """Duration and condition."""
-        found = self.found
-        return f"<ExcitingMotion {self.name}: {found.motion.end:.3g} s, condition {found.condition:.0f}>"
+        result = self.excitation
+        return f"<ExcitingMotion {self.name}: {result.motion.end:.3g} s, condition {result.condition:.0f}>"
 
     def to_dict(self) -> dict[str, Any]:
         """The motion and its condition number, as plain data for JSON."""
-        found = self.found
+        result = self.excitation
         return {
             "task": self.name,
-            "duration_s": found.motion.end,
-            "condition": found.condition,
-            "random_condition": found.random,
-            "slower": found.slower,
-            "smaller": found.smaller,
-            "check": found.check.to_dict(),
+            "duration_s": result.motion.end,
+            "condition": result.condition,
+            "random_condition": result.random,
+            "slower": result.slower,
+            "smaller": result.smaller,
+            "check": result.check.to_dict(),
             "versions": versions(),
         }
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write its samples as CSV; returns the path."""
-        points = self.found.motion.points
+        points = self.excitation.motion.points
         assert points is not None
         assert points.speeds is not None
         assert points.accelerations is not None  # they were sampled from a formula
-        numbers = range(1, self.found.motion.n + 1)
+        numbers = range(1, self.excitation.motion.n + 1)
         kinds = (
             ("q{}_rad", points.angles),
             ("qd{}_rad_s", points.speeds),

@@ -83,21 +83,21 @@ def searched(
     try:
         if task.is_cycle:  # its segments share the time
             return direct()
-        found = _first_of(methods, task, budget, direct, seed, say)
+        motion_plan = _first_of(methods, task, budget, direct, seed, say)
         if method is not None:
-            return found
+            return motion_plan
         carries = len(task.robot.interfaces) > 1
-        cancelled = task.segments[0].task.limits.cancel is not None and not found.motion.rise_times
+        cancelled = task.segments[0].task.limits.cancel is not None and not motion_plan.motion.rise_times
         if not carries and not cancelled:  # timings know no other stops
-            return found
+            return motion_plan
         why = ", which keeps objects as level as start and goal" if carries else ", to compare"
         say(f"timing the straight line{why} ...")
         try:
             with interrupted_after(budget.left):
-                return among.no_worse_than_line(found)
+                return among.no_worse_than_line(motion_plan)
         except KeyboardInterrupt:
             say("interrupted; the plan without the line is kept")
-            return found
+            return motion_plan
     except ToleranceError:
         raise
     except PlanningError as error:
@@ -193,21 +193,23 @@ def _overlap(task: MotionTask) -> tuple[float, str]:
     itself; of several lines that of the smallest one.
     """
     shares, collision = np.linspace(0, 1, _STATES)[:, None], task.robot.collision
-    found = []
+    results = []
     for start, goal in task.choices or [(task.start, task.goal)]:
         gaps = np.min(collision.gaps(start + shares * (goal - start), 0.0), axis=0)
         nearest = int(np.argmin(gaps))
-        found.append((max(-float(gaps[nearest]), 0.0), str(collision.labels[nearest])))
-    return min(found)
+        results.append((max(-float(gaps[nearest]), 0.0), str(collision.labels[nearest])))
+    return min(results)
 
 
 def prepared(task: Task, controller: Runner, rise_time: float | None, stops: Ask | None) -> Task:
     """The task whose plans suit the controller, and keep their limits in the stops asked for."""
     if stops:
         kinds = None if stops == "given" else stops
-        task = task.each(lambda own: replace(own, limits=own.stops.safe(own.limits, own.robot, kinds)))
-    for own in task.segments:
-        if own.task.limits.cancel is not None and own.task.limits.cancel.together:
+        task = task.each(
+            lambda segment: replace(segment, limits=segment.stops.safe(segment.limits, segment.robot, kinds))
+        )
+    for segment in task.segments:
+        if segment.task.limits.cancel is not None and segment.task.limits.cancel.together:
             raise InputError("stop_safe: stopj is checked, not planned for; give a deceleration per joint")
     if task.is_cycle:
         if rise_time is not None and controller != "quintic":
@@ -280,12 +282,12 @@ def better_smoothed(
         return None if plan is None else (plan, run(plan))
 
     objective, before = planned.task.segments[0].task.objective, executions[0].check
-    found = budget.within(smoother, None)
+    result = budget.within(smoother, None)
     path = {**planned.options["path"], "smoothed": False}
-    if found is not None:
-        after = found[1][0].check
+    if result is not None:
+        after = result[1][0].check
         costs = [objective.cost(one.energy, one.duration) for one in (before, after)]
         path["smoothed_costs_more"] = costs[1] / costs[0] - 1
         if after.verified and after.certified >= before.certified and costs[1] < costs[0]:
-            planned, executions, path["smoothed"] = *found, True
+            planned, executions, path["smoothed"] = *result, True
     return replace(planned, options={**planned.options, "path": path}), executions

@@ -191,13 +191,13 @@ def plan(
     known = {"controller": controller, "rate": rate, "rise_time": rise_time, "time_scale": time_scale}
     smooth = along_path and (method == "smooth" or (method is None and budget.given))
     how_run = {"sensitivities": sensitivities, "stage": stage, "budget": budget, "smooth": smooth}
-    found = Plan.of(planned, **known, **how_run)
+    result = Plan.of(planned, **known, **how_run)
     if along_path or not any(one.task.limits.stoppable for one in task.segments):
-        return found
+        return result
     if stage:
         stage("planning without stops, to compare the cost ...")
     price = price_of_stops(planned, _without_stops(task, how, budget))
-    return replace(found, price=price, left_out=tuple(budget.left_out))
+    return replace(result, price=price, left_out=tuple(budget.left_out))
 
 
 def _limits(seconds: float | None) -> tuple[float | None, float | None]:
@@ -212,15 +212,15 @@ def base_alone(task: Task) -> str:
 
     Empty where one of both keeps them, or the base rests.
     """
-    own, end, found = task.segments[0].task, task.robot.acts.end, []
-    limits = replace(own.limits, min_duration=0.0, max_duration=math.inf)
-    for name, q in (("start", own.start), ("goal", own.goal)) if end else ():
+    segment_task, end, results = task.segments[0].task, task.robot.acts.end, []
+    limits = replace(segment_task.limits, min_duration=0.0, max_duration=math.inf)
+    for name, q in (("start", segment_task.start), ("goal", segment_task.goal)) if end else ():
         held = Trajectory.from_points(np.array([0.0, end]), np.tile(q, (2, 1)))
-        if not (broken := check_motion(own.robot, held, limits).violations):
+        if not (broken := check_motion(segment_task.robot, held, limits).violations):
             return ""
-        found.append(f"{name}: {sentence(broken[0])}")
+        results.append(f"{name}: {sentence(broken[0])}")
     alone = "the base alone, its arm at rest, breaks limits: at the "
-    return alone + "; at the ".join(found) if found else ""
+    return alone + "; at the ".join(results) if results else ""
 
 
 def _searched(
@@ -264,7 +264,7 @@ def _without_stops(task: Task, how: Mapping[str, Any], budget: TimeBudget) -> Mo
     if not any(segment.task.limits.stoppable for segment in task.segments):
         return None
     try:
-        plain_task = task.each(lambda own: replace(own, limits=own.limits.without_stops))
+        plain_task = task.each(lambda one_task: replace(one_task, limits=one_task.limits.without_stops))
         return budget.within(partial(plan_motion, plain_task, **how), None, "cost of stops")
     except PlanningError:
         return None
@@ -275,36 +275,38 @@ def _cancels(task: Task, budget: TimeBudget) -> str:
     safe, texts = list[SafeDecelerations](), list[str]()
     for k, segment in enumerate(task.segments):
         compute = partial(_cancels_slowly, segment.task)
-        found = budget.within(compute, None, share=1 / (len(task.segments) - k))
-        if found is None:
+        result = budget.within(compute, None, share=1 / (len(task.segments) - k))
+        if result is None:
             texts.append(f"{segment.name}: not checked, the time was up" if task.is_cycle else "")
             continue
-        safe.append(found[0])
-        slowly = f"{segment.name}, even slowly, in {found[2]:.3g} s: {found[0].verdict}"
-        texts.append(slowly if task.is_cycle else found[1])
+        safe.append(result[0])
+        slowly = f"{segment.name}, even slowly, in {result[2]:.3g} s: {result[0].verdict}"
+        texts.append(slowly if task.is_cycle else result[1])
     if task.is_cycle:
         texts += [in_all(safe)] if len(safe) == len(texts) else []
         texts += ["else plan with --stop-safe path, and let the controller stop along the path"]
     return "; ".join(filter(None, texts))
 
 
-def _cancels_slowly(own: MotionTask) -> tuple[SafeDecelerations, str, float] | None:
+def _cancels_slowly(motion_task: MotionTask) -> tuple[SafeDecelerations, str, float] | None:
     """Which decelerations are safe in the slowest synchronised default motion, what helps, its duration."""
     slowest = SLOWER[-1]
-    rates = own.robot.limits.speed / slowest, own.robot.limits.acceleration / slowest**2
-    motion = Trajectory.ending_together(own.start, own.goal, [None] * own.robot.n, *rates)
-    found = cancels_by_segment(own, motion).get("")
-    if found is None:
+    rates = motion_task.robot.limits.speed / slowest, motion_task.robot.limits.acceleration / slowest**2
+    motion = Trajectory.ending_together(
+        motion_task.start, motion_task.goal, [None] * motion_task.robot.n, *rates
+    )
+    result = cancels_by_segment(motion_task, motion).get("")
+    if result is None:
         return None
-    text = f"even slowly, joints in step from start to goal in {motion.end:.3g} s: {found.text}"
-    if found.minimum is not None:
-        return found, f"{text}. Plan with --deceleration in that range", motion.end
-    if len(own.robot.interfaces) > 1:
+    text = f"even slowly, joints in step from start to goal in {motion.end:.3g} s: {result.text}"
+    if result.minimum is not None:
+        return result, f"{text}. Plan with --deceleration in that range", motion.end
+    if len(motion_task.robot.interfaces) > 1:
         text += (
             ". Joints that stop one by one tilt what objects stand on: plan with --stop-safe path, and let "
         )
         text += "the controller stop along the path"
-    return found, text, motion.end
+    return result, text, motion.end
 
 
 def price_of_stops(plan: MotionPlan, without: MotionPlan | None) -> dict[str, Any]:
@@ -318,7 +320,7 @@ def price_of_stops(plan: MotionPlan, without: MotionPlan | None) -> dict[str, An
         "duration_more": (plan.duration, without.duration),
         "cost_more": tuple(objective.cost(one.energy, one.duration) for one in (plan, without)),
     }
-    more = {name: round(own / other - 1, 6) + 0.0 for name, (own, other) in pairs.items()}
+    more = {name: round(with_stops / other - 1, 6) + 0.0 for name, (with_stops, other) in pairs.items()}
     return {"without_stops": costs, "objective": objective.name, **more}
 
 

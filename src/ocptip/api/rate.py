@@ -86,22 +86,22 @@ def rate(
     Raises:
         InputError: no such robot, or an argument does not fit it.
     """
-    found = rated_robot(robot, kind_of(robot, several=False))
-    if isinstance(found, ArmModel):
+    result = rated_robot(robot, kind_of(robot, several=False))
+    if isinstance(result, ArmModel):
         if pose is None:
-            raise InputError(f"pose: missing; {found.name} has {found.n} joints")
-        q = finite_array("pose", pose, (found.n,))
-        rating = rate_arm(found, q, ellipsoid=ellipsoid, rates=cast(Any, rates))
-        limits = found.limits
+            raise InputError(f"pose: missing; {result.name} has {result.n} joints")
+        q = finite_array("pose", pose, (result.n,))
+        rating = rate_arm(result, q, ellipsoid=ellipsoid, rates=cast(Any, rates))
+        limits = result.limits
         outside = (np.flatnonzero((q < limits.angle_min) | (q > limits.angle_max)) + 1).tolist()
-        payload = found.payload.to_dict() if found.payload else None
+        payload = result.payload.to_dict() if result.payload else None
         data = {**rating.to_dict(), "outside_limits": outside, "payload": payload}
-        return Rating(found.name, rating.singular, rating.entries, data, (found, rating))
+        return Rating(result.name, rating.singular, rating.entries, data, (result, rating))
     if rates is not None:
         raise InputError("rates: of the joints of an arm only")
-    if isinstance(found, ParallelRobot):
-        return _rate_parallel(found, pose)
-    return _rate_platform(found, pose, ellipsoid)
+    if isinstance(result, ParallelRobot):
+        return _rate_parallel(result, pose)
+    return _rate_platform(result, pose, ellipsoid)
 
 
 def _rate_parallel(robot: ParallelRobot, pose: ArrayLike | None) -> Rating:
@@ -128,19 +128,19 @@ def _rate_platform(
         values = finite_array("pose", pose, (6,))
         position, rotation = values[:3], Rotation.from_rotvec(values[3:]).as_matrix()
     entries = rate_platform(file.platform, position, rotation, ellipsoid)
-    at = file.platform.at(position, rotation)
-    motion = singular_motion(at)
+    placed = file.platform.at(position, rotation)
+    motion = singular_motion(placed)
     data = {
         "robot": file.platform.name,
         "kind": "platform",
         "position": position.tolist(),
         "rotation": rotation.tolist(),
-        "singular": at.singular,
+        "singular": placed.singular,
         "ellipsoid": None if ellipsoid is None else ellipsoid.to_dict(),
         "indices": [entry.to_dict() for entry in entries],
         "singular_motion": motion.to_dict(),
     }
-    return Rating(file.platform.name, at.singular, tuple(entries), data, motion)
+    return Rating(file.platform.name, placed.singular, tuple(entries), data, motion)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -204,30 +204,30 @@ def rate_along(
     Raises:
         InputError: the file lacks a column of positions, or a pose is out of reach; names the row.
     """
-    found, file = rated_robot(robot, kind_of(robot, several=True)), os.fspath(motion)
-    if isinstance(found, ArmModel):
-        turns = [not slides for slides in found.prismatic]
+    result, file = rated_robot(robot, kind_of(robot, several=True)), os.fspath(motion)
+    if isinstance(result, ArmModel):
+        turns = [not slides for slides in result.prismatic]
         names = chosen_indices(indices, USUAL_OF_ARMS, ARM_INDICES)
-        regular = "dm_2" if found.n == 6 else "inv_cdn_oe"
+        regular = "dm_2" if result.n == 6 else "inv_cdn_oe"
         times, poses = _columns(file, turns)
         rates = _columns(file, turns, rates=True)[1] if "sigma" in names else None
-        values = index_values(found, poses, ellipsoid=ellipsoid, rates=rates, names=(*names, regular))
-        own = {name: values[name] for name in names}
+        values = index_values(result, poses, ellipsoid=ellipsoid, rates=rates, names=(*names, regular))
+        chosen = {name: values[name] for name in names}
 
         def chain() -> list[list[np.ndarray]]:
-            return [[line] for line in link_frames(found, poses).origins]
+            return [[line] for line in link_frames(result, poses).origins]
 
-        return RatedMotion(found.name, times, own, values[regular], chain)
+        return RatedMotion(result.name, times, chosen, values[regular], chain)
     rate_pose: Callable[[np.ndarray, Iterable[str]], Mapping[str, float]]
-    if isinstance(found, ParallelRobot):
-        name, of_robot = found.description.name, ParallelIndices(found, ellipsoid)
-        turns = [name not in LENGTHS for name in found.description.platform.coordinates]
+    if isinstance(result, ParallelRobot):
+        name, of_robot = result.description.name, ParallelIndices(result, ellipsoid)
+        turns = [name not in LENGTHS for name in result.description.platform.coordinates]
         names, regular = chosen_indices(indices, of_robot.usual, of_robot.names), ("platform", "legs")
         rate_pose = of_robot.values
     else:
-        name, turns, tool = found.platform.name, [False] * 3 + [True] * 3, ellipsoid or found.ellipsoid
+        name, turns, tool = result.platform.name, [False] * 3 + [True] * 3, ellipsoid or result.ellipsoid
         names, regular = platform_indices(indices, tool), ("ctn",)
-        rate_pose = partial(_values_of_platform, found, tool)
+        rate_pose = partial(_values_of_platform, result, tool)
     times, poses = _columns(file, turns)
     rows = []
     for row, pose in enumerate(poses, start=1):
@@ -236,9 +236,9 @@ def rate_along(
     values = {key: np.array([one[key] for one in rows]) for key in (*names, *regular)}
     least = np.min([values[key] for key in regular], axis=0)
     rated = {key: values[key] for key in names}
-    if not isinstance(found, ParallelRobot):
+    if not isinstance(result, ParallelRobot):
         return RatedMotion(name, times, rated, least)
-    return RatedMotion(name, times, rated, least, lambda: [found.kinematics.sticks(z) for z in poses])
+    return RatedMotion(name, times, rated, least, lambda: [result.kinematics.sticks(z) for z in poses])
 
 
 def _values_of_platform(
@@ -346,13 +346,16 @@ def rate_workspace(
         cells: per coordinate.
         progress: of parallel robots: called as progress(done, total, None).
     """
-    found = rated_robot(robot, kind_of(robot, several=True))
-    if isinstance(found, PlatformFile) and pose is not None:
+    platform_file = rated_robot(robot, kind_of(robot, several=True))
+    if isinstance(platform_file, PlatformFile) and pose is not None:
         values = finite_array("pose", pose, (6,))
         turn = Rotation.from_rotvec(values[3:]).as_matrix()
-        found, pose = PlatformFile(found.platform, values[:3], turn, found.ellipsoid), None
+        platform_file, pose = (
+            PlatformFile(platform_file.platform, values[:3], turn, platform_file.ellipsoid),
+            None,
+        )
     how = {"names": indices, "cells": cells, "progress": progress}
-    return index_maps(found, ranges, pose=pose, ellipsoid=ellipsoid, **how)
+    return index_maps(platform_file, ranges, pose=pose, ellipsoid=ellipsoid, **how)
 
 
 def kind_of(robot: Rated, *, several: bool) -> Kind:

@@ -81,16 +81,16 @@ def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stabili
         ]
     else:
         names = [segment.name for segment in task.segments]
-        stages = [Stage(own, None, name) for own, name in zip(_tasks(task), names, strict=True)]
-    found = Stability(path.name, task, folder, stages, cases is not None)
+        stages = [Stage(stage_task, None, name) for stage_task, name in zip(_tasks(task), names, strict=True)]
+    stability = Stability(path.name, task, folder, stages, cases is not None)
     if folder is not None:
-        found.moves()
-    found.drives()
+        stability.moves()
+    stability.drives()
     for stage, robot in zip(stages, robots, strict=True):
         stage.rests(robot, cases)
     if not any(robot.interfaces[1:] for robot in robots):  # charts are of payloads that the gripper holds
-        found.chart = chart(task, samples=CHART_POSTURES)
-    return found
+        stability.chart = chart(task, samples=CHART_POSTURES)
+    return stability
 
 
 def _tasks(task: Task) -> list[MotionTask]:
@@ -147,7 +147,9 @@ class Stage:
         asked = replace(
             asked,
             poses={before + pose: q for pose, q in asked.poses.items()},
-            acting={before + pose: own for pose, own in acting.items() if asked.poses[pose] is poses[pose]},
+            acting={
+                before + pose: process for pose, process in acting.items() if asked.poses[pose] is poses[pose]
+            },
         )
         self.cases = load_cases(robot, asked)
         self.tilts = {
@@ -159,12 +161,12 @@ class Stage:
         """Times, s, of postures: both ends, and where GN and GT are largest, if that is between."""
         assert self.part is not None
         assert self.checked is not None
-        found = {"start": 0.0, "goal": self.part.motion.end}
+        poses = {"start": 0.0, "goal": self.part.motion.end}
         for name, word in (("GN", "min margin"), ("GT", "max friction")):
             time = self.checked.worst[name].time
-            if min(abs(time - other) for other in found.values()) > _SAME:
-                found[f"{word} ({self.part.begin + time:.3f} s)"] = time
-        return found
+            if min(abs(time - other) for other in poses.values()) > _SAME:
+                poses[f"{word} ({self.part.begin + time:.3f} s)"] = time
+        return poses
 
 
 def margins_by_speed(robot: Robot, motion: Trajectory) -> tuple[np.ndarray, np.ndarray]:
@@ -175,12 +177,12 @@ def margins_by_speed(robot: Robot, motion: Trajectory) -> tuple[np.ndarray, np.n
     edges = motion.intervals.ravel()
     times = np.unique([*np.linspace(0.0, motion.end, INSTANTS), *(edges - INSIDE), *(edges + INSIDE)])
     q, qd, qdd = motion.states(times[(times >= 0) & (times <= motion.end)])
-    found = [
+    results = [
         Margins.under(robot.loads(q, speed * qd, speed**2 * qdd)[1], robot.tip_over, robot.slip)
         for speed in SPEEDS
     ]
-    moments = [np.maximum(np.nan_to_num(one.tipping_moment, nan=0.0, posinf=np.inf), 0.0) for one in found]
-    shares = [np.nan_to_num(one.GT, nan=np.inf, posinf=np.inf) for one in found]
+    moments = [np.maximum(np.nan_to_num(one.tipping_moment, nan=0.0, posinf=np.inf), 0.0) for one in results]
+    shares = [np.nan_to_num(one.GT, nan=np.inf, posinf=np.inf) for one in results]
     return np.min(moments, axis=1), np.max(shares, axis=1)
 
 
@@ -225,10 +227,10 @@ class Stability:
         self.motion = CheckedMotion(
             task=task, checked=checked, robustness=robustness(task, motion), stops=stops
         )
-        known = {name: own.decelerations for name, own in stops.items() if own.decelerations}
+        known = {name: stop.decelerations for name, stop in stops.items() if stop.decelerations}
         self.cancels = known or cancels_by_segment(task, motion)
-        for stage, own in zip(self.stages, checked.segments, strict=True):
-            stage.moves(own)
+        for stage, stop in zip(self.stages, checked.segments, strict=True):
+            stage.moves(stop)
 
     def drives(self) -> None:
         """Determine how hard the base may accelerate, if it has wheels, with the arm at rest at the goal."""
@@ -280,12 +282,12 @@ class Stability:
     def headline(self) -> str:
         """One line."""
         level = all(case.stands for case in self.cases if not (case.tilt or case.push or case.payload))
-        own = (
+        summary = (
             f"{'STABLE' if level else 'NOT STABLE'} at rest" if self.motion is None else self.motion.headline
         )
         fallen = sum(not case.stands for case in self.cases) if self.given_cases else 0
         more = f"; {fallen} of {len(self.cases)} load cases NOT STABLE" if fallen else ""
-        return f"{self.task.name}: {own}{more}"
+        return f"{self.task.name}: {summary}{more}"
 
     def __repr__(self) -> str:
         """The verdict, and how many load cases stand."""
@@ -327,5 +329,5 @@ class Stability:
             | {name: value if np.isfinite(value) else None for name, value in zip(names, row, strict=True)}
             for stage in self.stages
             if stage.speeds
-            for row in zip(SPEEDS.tolist(), *(own.tolist() for own in stage.speeds), strict=True)
+            for row in zip(SPEEDS.tolist(), *(speed.tolist() for speed in stage.speeds), strict=True)
         ]

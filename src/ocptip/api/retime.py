@@ -152,8 +152,8 @@ def _whole_body(
 
     def tried(factor: float) -> Execution:
         run = Run(timed.robot, timed.motion, True).slowed(factor)
-        own = execute(run.robot, run.motion, limits, controller, step=step, slowest=1.0)
-        return replace(own, slower=factor)
+        executed = execute(run.robot, run.motion, limits, controller, step=step, slowest=1.0)
+        return replace(executed, slower=factor)
 
     execution = slowed_as_needed(tried) or tried(1.0)
     run = Run(timed.robot, timed.motion, True).slowed(execution.slower)
@@ -193,9 +193,9 @@ class RetimedPlan(Plan):
     def write(self, folder: str | os.PathLike[str], *, figures: bool = True, **how: Any) -> Iterator[Path]:
         """The files of a plan, and the phase plane of each segment."""
         yield from super().write(folder, figures=figures, **how)
-        for number, own in enumerate(self.timings if figures else (), 1):
+        for number, timing in enumerate(self.timings if figures else (), 1):
             name = f"phase_plane-{number}" if self.task.is_cycle else "phase_plane"
-            yield from draw_phase_plane(folder, own.plan, own.timed, name)
+            yield from draw_phase_plane(folder, timing.plan, timing.timed, name)
 
 
 def retime(
@@ -284,7 +284,7 @@ def retime(
         with naming(where), _naming_base(asked):
             timings.append(Timing.of(asked, fit, jerk, controller, rate, stage or silent, limits_of_base))
     planned = _cycle(cast(CycleTask, task), timings) if task.is_cycle else timings[0].plan
-    executions = tuple(own.execution for own in timings)
+    executions = tuple(timing.execution for timing in timings)
     motion = run_by(planned, executions)
     checked = cycle_check(planned.task, motion, [run.check for run in executions])
     return RetimedPlan(
@@ -312,10 +312,10 @@ def _naming_base(task: MotionTask) -> Iterator[None]:
 def _cycle(task: CycleTask, timings: Sequence[Timing]) -> MotionPlan:
     """The timings of the segments of a cycle, between standstills."""
     segments = [
-        replace(segment, task=own.task, goals=own.task.goal[None], target=None)
-        for segment, own in zip(task.segments, timings, strict=True)
+        replace(segment, task=timing.task, goals=timing.task.goal[None], target=None)
+        for segment, timing in zip(task.segments, timings, strict=True)
     ]
     task = replace(task, segments=tuple(segments), starts=timings[0].task.start[None])
-    options = {"retimed": [own.to_dict() for own in timings]}
-    seconds = sum(own.timed.seconds for own in timings)
-    return MotionPlan.of_cycle(task, [own.plan for own in timings], seconds=seconds, options=options)
+    options = {"retimed": [timing.to_dict() for timing in timings]}
+    seconds = sum(timing.timed.seconds for timing in timings)
+    return MotionPlan.of_cycle(task, [timing.plan for timing in timings], seconds=seconds, options=options)

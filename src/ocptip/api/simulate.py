@@ -125,16 +125,16 @@ class Simulated:
 
     def to_dict(self) -> dict[str, Any]:
         """The verdict with all numbers."""
-        seen, own = self.replay, self.library
-        at = np.argmin(seen.forces, axis=0)
+        seen, expected = self.replay, self.library
+        index = np.argmin(seen.forces, axis=0)
         library = None
-        if own is not None:
+        if expected is not None:
             library = {
-                "stands": own.stands,
-                "least_forces_N": own.least.tolist(),
-                "times_s": own.when.tolist(),
-                "rms_least_N": own.rms_least,
-                "rms_N": own.rms,
+                "stands": expected.stands,
+                "least_forces_N": expected.least.tolist(),
+                "times_s": expected.when.tolist(),
+                "rms_least_N": expected.rms_least,
+                "rms_N": expected.rms,
             }
         objects = {
             name: {
@@ -152,8 +152,8 @@ class Simulated:
             "world": vars(seen.world),
             "lift_m": seen.lift,
             "slide_m": seen.slide,
-            "least_forces_N": seen.forces[at, np.arange(len(at))].tolist(),
-            "times_s": seen.times[at].tolist(),
+            "least_forces_N": seen.forces[index, np.arange(len(index))].tolist(),
+            "times_s": seen.times[index].tolist(),
             "library": library,
             **({"objects": objects} if objects else {}),
             "simulator": simulator_numbers(self.parts[0].robot, seen.step),

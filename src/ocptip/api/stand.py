@@ -99,8 +99,11 @@ def _solved(
     objects = ()
     if posture is not None:
         objects = tuple(
-            replace(_solved(own, None, NONE, None, False), within=posture.object_within(own.name, tolerance))
-            for own in posture.objects
+            replace(
+                _solved(carried, None, NONE, None, False),
+                within=posture.object_within(carried.name, tolerance),
+            )
+            for carried in posture.objects
         )
     if wants_sensitivities and posture is not None:
         sensitivities = posture.sensitivities(tolerance)

@@ -102,14 +102,16 @@ class Studio:
         if which not in ends:
             raise InputError(f"which: expected start or goal, got {which!r}")
         posture = np.array(q, dtype=float)
-        targets = [None if name == which else own for name, own in zip(ends, self.task.targets, strict=True)]
+        targets = [
+            None if name == which else target for name, target in zip(ends, self.task.targets, strict=True)
+        ]
         source, arm = source_of(self.task), self.study.robot.arm
         self.task = replace(self.task, **{which: posture}, targets=tuple(targets), choices=(), reference=None)
         if source is not None and "motion" in source.data:
             motion = {k: v for k, v in source.data["motion"].items() if not k.startswith(which)}
-            for unit, own, scale in (("deg", ~arm.prismatic, 180 / np.pi), ("m", arm.prismatic, 1.0)):
-                if own.any():
-                    motion[f"{which}_{unit}"] = (scale * posture[own]).tolist()
+            for unit, target, scale in (("deg", ~arm.prismatic, 180 / np.pi), ("m", arm.prismatic, 1.0)):
+                if target.any():
+                    motion[f"{which}_{unit}"] = (scale * posture[target]).tolist()
             self.task = replace(self.task, source=replace(source, data={**source.data, "motion": motion}))
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
@@ -145,10 +147,10 @@ class Studio:
         """
 
         def planned() -> tuple[str, tuple[Part, ...]]:
-            found, there = self.plan(), Path(folder) / "plan"
+            result, there = self.plan(), Path(folder) / "plan"
             there.parent.mkdir(exist_ok=True)
-            found.save(there)
-            return f"{found.headline}; {there}", read_plan_folder(there).parts("the studio shows")
+            result.save(there)
+            return f"{result.headline}; {there}", read_plan_folder(there).parts("the studio shows")
 
         def kept(which: str, q: np.ndarray) -> str:
             self.keep(which, q)

@@ -68,10 +68,10 @@ def load_task(
     if objective is not None or price_per_second is not None:
         changes["objective"] = objective_of(objective, price_per_second)
 
-    def changed(own: MotionTask) -> MotionTask:
+    def changed(motion_task: MotionTask) -> MotionTask:
         if tcp_speed is not None:
-            own = _with_tcp_speed(own, tcp_speed)
-        return replace(own, limits=replace(own.limits, **given), **changes)
+            motion_task = _with_tcp_speed(motion_task, tcp_speed)
+        return replace(motion_task, limits=replace(motion_task.limits, **given), **changes)
 
     return task.each(changed) if given or changes or tcp_speed is not None else task
 

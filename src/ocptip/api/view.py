@@ -147,11 +147,11 @@ def _view(path: Path, second: Path | None, task: str | os.PathLike[str] | None) 
 
 
 def _view_of_plans(path: Path, second: Path | None) -> View:
-    folders = [read_plan_folder(own) for own in (path, second) if own is not None]
-    names = [own.task.name for own in folders]
+    folders = [read_plan_folder(folder) for folder in (path, second) if folder is not None]
+    names = [folder.task.name for folder in folders]
     if len(set(names)) < len(names):  # the folders' names tell them apart
-        names = [f"{own.path}" for own in folders]
-    plans = tuple((name, own.every_part) for name, own in zip(names, folders, strict=True))
+        names = [f"{folder.path}" for folder in folders]
+    plans = tuple((name, folder.every_part) for name, folder in zip(names, folders, strict=True))
 
     def show() -> Show:
         if second is None:
@@ -163,10 +163,10 @@ def _view_of_plans(path: Path, second: Path | None) -> View:
 
 def _between(first: Path, second: Path) -> tuple[np.ndarray, np.ndarray]:
     """Origin, m, and rotation of the second plan's base axes in the first's: of cells, where they stand."""
-    own, other = _place_of(first), _place_of(second)
-    if own is None or other is None:
+    first_place, other = _place_of(first), _place_of(second)
+    if first_place is None or other is None:
         return HERE
-    return own[1].T @ (other[0] - own[0]), own[1].T @ other[1]
+    return first_place[1].T @ (other[0] - first_place[0]), first_place[1].T @ other[1]
 
 
 def _place_of(folder: Path) -> tuple[np.ndarray, np.ndarray] | None:

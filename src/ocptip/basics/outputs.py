@@ -34,19 +34,19 @@ def read_sums(folder: Path) -> dict[str, str]:
     Raises:
         InputError: there is no such file, or it is broken.
     """
-    found = {}
+    table = {}
     with only_inside(folder):
         text = read_text(folder / SUMS)
     for number, line in enumerate(text.removesuffix("\n").split("\n"), 1):
         digest, _, name = line.partition("  ")
         path = PurePosixPath(name)
         outside = path.is_absolute() or ".." in path.parts or f"{path}" != name  # or written in another way
-        if not _DIGEST.fullmatch(digest) or not name or outside or name in found:
+        if not _DIGEST.fullmatch(digest) or not name or outside or name in table:
             raise InputError(
                 f"line {number}: expected a hash and a name, got {line!r}", "", f"{folder / SUMS}"
             )
-        found[name] = digest
-    return found
+        table[name] = digest
+    return table
 
 
 def require_unchanged(folder: Path) -> None:
@@ -236,9 +236,9 @@ def _known_sums(folder: Path) -> dict[str, str]:
 def _writable(folder: Path, sums: dict[str, str]) -> set[str]:
     """Those of listed names that ocptip can have written: fixed ones, and what the task there names."""
     fixed = {name for command in OUTPUTS for name in OUTPUTS[command]}
-    found = {name for name in sums if name in fixed or _unnumbered(name) in _NUMBERED}
-    rest = {name for name in sums if PurePosixPath(name).parts[0] == _TASK} - found
-    ahead = [name for name in found if name.startswith(f"{_TASK}/")]
+    result = {name for name in sums if name in fixed or _unnumbered(name) in _NUMBERED}
+    rest = {name for name in sums if PurePosixPath(name).parts[0] == _TASK} - result
+    ahead = [name for name in result if name.startswith(f"{_TASK}/")]
     while ahead:  # the task names a URDF, which names meshes
         name = ahead.pop()
         try:
@@ -246,8 +246,8 @@ def _writable(folder: Path, sums: dict[str, str]) -> set[str]:
         except InputError:  # it is gone
             continue
         named = {other for other in rest if _quotes(text, other.removeprefix(f"{_TASK}/"))}
-        rest, found, ahead = rest - named, found | named, [*ahead, *named]
-    return found
+        rest, result, ahead = rest - named, result | named, [*ahead, *named]
+    return result
 
 
 def _quotes(text: str, name: str) -> bool:

@@ -222,15 +222,15 @@ def _descriptor(path: Path) -> int:
         if any(step.is_symlink() for step in [*steps, path]):
             raise OSError(errno.ELOOP, "", str(path))
         return os.open(path, flags)
-    at = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    parent = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         for step in above:
-            below = os.open(step, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=at)
-            os.close(at)
-            at = below
-        return os.open(name, flags | os.O_NOFOLLOW, dir_fd=at)
+            below = os.open(step, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW, dir_fd=parent)
+            os.close(parent)
+            parent = below
+        return os.open(name, flags | os.O_NOFOLLOW, dir_fd=parent)
     finally:
-        os.close(at)
+        os.close(parent)
 
 
 def _inside(path: Path, folder: Path) -> tuple[str, ...]:

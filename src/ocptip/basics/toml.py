@@ -52,14 +52,14 @@ class NamedFiles:
             return [self.copied(item, rename) for item in value]
         if not isinstance(value, Mapping):
             return value
-        found = {}
+        table = {}
         for key, item in value.items():
             path = self.files.get((id(value), key))
             if path is not None:
-                found[key] = rename(path, self.parts.get(path, {}))
+                table[key] = rename(path, self.parts.get(path, {}))
             elif (id(value), key) not in self.folders:
-                found[key] = self.copied(item, rename)
-        return found
+                table[key] = self.copied(item, rename)
+        return table
 
 
 _MOST_COMPLAINTS = 8  # shown at once
@@ -398,11 +398,11 @@ def _lines(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[str]:
         else:
             yield f"{_key(key)} = {toml_value(value)}"
     for key, value in below.items():
-        own = (*path, key)
-        name = ".".join(map(_key, own))
+        full_path = (*path, key)
+        name = ".".join(map(_key, full_path))
         for one in value if isinstance(value, list) else [value]:
             yield from ("", f"[[{name}]]" if isinstance(value, list) else f"[{name}]")
-            yield from _lines(one, own)
+            yield from _lines(one, full_path)
 
 
 def _are_tables(value: Any) -> bool:

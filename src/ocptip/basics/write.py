@@ -169,10 +169,10 @@ def plain(value: Any) -> Any:
 
 def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
     """Return the versions of Python, ocptip and these packages; "not installed" for the missing ones."""
-    found = {"python": platform.python_version(), "ocptip": version()}
+    table = {"python": platform.python_version(), "ocptip": version()}
     for package in packages:
         try:
-            found[package] = metadata.version(package)
+            table[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+            table[package] = "not installed"
+    return table

@@ -47,10 +47,10 @@ def certified_cycle(
         return checked
     tasks = [segment.task for segment in task.segments]
     limits = [
-        own.stops.safe(own.limits, own.robot, "cancel")
-        if cancels and own.limits.cancel is None and isinstance(own.robot, Robot)
-        else own.limits
-        for own in tasks
+        segment_task.stops.safe(segment_task.limits, segment_task.robot, "cancel")
+        if cancels and segment_task.limits.cancel is None and isinstance(segment_task.robot, Robot)
+        else segment_task.limits
+        for segment_task in tasks
     ]
     rows = zip(tasks, zip(motion.segments, checked.segments, limits, strict=True), strict=True)
-    return cycle_check(task, motion, [certified(own.robot, *row) for own, row in rows])
+    return cycle_check(task, motion, [certified(segment_task.robot, *row) for segment_task, row in rows])

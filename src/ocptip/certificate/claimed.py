@@ -76,8 +76,8 @@ def goal_within(limits: Limits, worst: Mapping[str, Worst], name: str) -> float:
 
 def lost_as_sampled(worst: Mapping[str, Worst]) -> list[Undecided]:
     """Where contacts are lost within the tolerance already as sampled."""
-    own = [(worst[name], claim) for name, claim in _CLAIMED_WITHIN.items() if name in worst]
-    return [Undecided(w.time, w.time, claim, w.value - 1) for w, claim in own if not w.value < _LOST]
+    claims = [(worst[name], claim) for name, claim in _CLAIMED_WITHIN.items() if name in worst]
+    return [Undecided(w.time, w.time, claim, w.value - 1) for w, claim in claims if not w.value < _LOST]
 
 
 def kept(limits: Limits, bounds: Mapping[str, float]) -> bool:

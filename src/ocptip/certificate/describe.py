@@ -157,14 +157,14 @@ def model_data(
     """
     support = robot.support
     if isinstance(robot, Robot):
-        own, (bodies, pairs) = _arm_data(robot, end), _bodies(robot)
+        arm_data, (bodies, pairs) = _arm_data(robot, end), _bodies(robot)
     else:
-        own, bodies, pairs = {"arm": None, "program": _program_data(robot), "payload": None}, [], []
+        arm_data, bodies, pairs = {"arm": None, "program": _program_data(robot), "payload": None}, [], []
     held = contacts_data(robot)
     if robot.acts.end:
         held["base"]["inertia"] = support.inertia.tolist()
     return {
-        **own,
+        **arm_data,
         **held,
         "limits": {key: [_finite(x) for x in getattr(robot.limits, key)] for key in _LIMITS.split()},
         "bodies": bodies,
@@ -231,9 +231,9 @@ def _arm_data(robot: Robot, end: float | None) -> dict[str, Any]:
         varying = varying if end is None else varying.between(0.0, end)
         times = np.asarray(varying.knots)
         none = np.zeros((len(times), 6))
-        own, turn = np.hstack([varying.force, varying.moment]), arm.tool_rotation.T
-        on_link = np.hstack([part @ turn for part in np.hsplit(own, 2)])
-        parts = (none, on_link) if varying.turns_with_tool else (own, none)
+        wrench_rows, turn = np.hstack([varying.force, varying.moment]), arm.tool_rotation.T
+        on_link = np.hstack([part @ turn for part in np.hsplit(wrench_rows, 2)])
+        parts = (none, on_link) if varying.turns_with_tool else (wrench_rows, none)
         data[TIMES] = times.tolist()
     data.update({key: part.tolist() for key, part in zip(PROCESS, parts, strict=True)})
     return {"arm": data, "payload": held}  # the payload is a part of the last link
@@ -250,20 +250,20 @@ def _program_data(robot: StandingParallelRobot) -> dict[str, Any]:
     outputs = [forces, wrench - cs.DM(robot.support.weight), further]
     function = cs.Function("program", [cs.vertcat(*state)], [cs.densify(cs.vertcat(*cs.cse(outputs)))])
     code: list[list[Any]] = []
-    at, results = {}, [0] * function.numel_out(0)
+    placing, results = {}, [0] * function.numel_out(0)
     for k in range(function.n_instructions()):
         name = instruction_name(function.instruction_id(k))
         taken, given = function.instruction_input(k), function.instruction_output(k)
         if name == "OUTPUT":
-            results[given[1]] = at[taken[0]]
+            results[given[1]] = placing[taken[0]]
             continue
         if name == "CONST":
             row = [float(function.instruction_constant(k)), 0]
         elif name == "INPUT":
             row = [taken[1], 0]
         else:
-            row = [at[taken[0]], at[taken[-1]]]
-        at[given[0]] = len(code)
+            row = [placing[taken[0]], placing[taken[-1]]]
+        placing[given[0]] = len(code)
         code.append([name, *row])
     limits = robot.further_limits
     ends = {key: [_finite(x) for x in getattr(limits, key)] for key in ("lower", "upper")}
@@ -305,7 +305,7 @@ def tolerance_words(data: Mapping[str, Any]) -> str:
     low, high = data["base_mass"]
     even = abs(low + high) <= 1e-9 * (high - low)
     swing = np.log(data["overshoot"]) if data["overshoot"] else None
-    own = Uncertainty(
+    uncertainty = Uncertainty(
         base_mass=float(high) if even else 0.0,
         center_of_mass=data["center_of_mass"],
         payload_center=data["payload_center"],
@@ -315,7 +315,7 @@ def tolerance_words(data: Mapping[str, Any]) -> str:
         **{name: data[name] for name in _SHARES_AND_SIZES if name != "overshoot"},
     )
     uneven = [] if even else [f"base mass {100 * low:+.3g} to {100 * high:+.3g} %"]
-    return ", ".join([*uneven, *own.lines()]) or "none"
+    return ", ".join([*uneven, *uncertainty.lines()]) or "none"
 
 
 _SHARES_AND_SIZES = (
@@ -359,7 +359,7 @@ class Separations:
             return self._collision.distances.at(q, np.arange(len(q)), pairs)[0].normals
         assert self._centres is not None  # the other kind
         places = np.array(self._centres.map(len(q))(q.T)).reshape(3, len(q), -1)
-        found = np.empty((len(q), 3))
+        values = np.empty((len(q), 3))
         for r, pair in enumerate(pairs):
             first, second = self._pairs[pair]
             here, body = places[:, r, first], self._bodies[second]
@@ -370,8 +370,8 @@ class Separations:
                 way = ends[-1] - ends[0]
                 share = way @ (here - ends[0]) / max(way @ way, 1e-30)
                 there = ends[0] + np.clip(share, 0, 1) * way
-            found[r] = there - here
-        return found
+            values[r] = there - here
+        return values
 
 
 def _bodies(robot: Robot) -> tuple[list[dict[str, Any]], list[list[int]]]:

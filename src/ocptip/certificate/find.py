@@ -247,16 +247,16 @@ class _ProofSearch:
         goals = {name: goal_within(limits, worst, name) for name in CLAIMS_WITHIN}
         on_time, self._short = {**whole, **_ON_TIME}, lost_as_sampled(worst)
         worlds = () if self._short else (whole, on_time) if whole != on_time else (whole,)
-        for tolerance, (own, most_short) in product(worlds, self._goals(goals)):
-            search = SearchWithin(weakest, self.model, self.motion, tolerance, own, self.knots)
-            found = search.found(most_short)
-            if found is None:
+        for tolerance, (short, most_short) in product(worlds, self._goals(goals)):
+            search = SearchWithin(weakest, self.model, self.motion, tolerance, short, self.knots)
+            result = search.claims(most_short)
+            if result is None:
                 continue
             if not self._short:
-                self._short = [Undecided(*one) for one in found.short]
-            if not found.short:
-                self._tolerance, self._cover_within = tolerance, found.cover
-                self.bounds.update(found.bounds)
+                self._short = [Undecided(*one) for one in result.short]
+            if not result.short:
+                self._tolerance, self._cover_within = tolerance, result.cover
+                self.bounds.update(result.bounds)
                 break
         if self._tolerance is whole:
             return ()
@@ -270,19 +270,24 @@ class _ProofSearch:
     def run_cancels(self, limits: Limits, worst: Mapping[str, Worst]) -> None:
         """Prove that no cancel loses a contact, unless one does as sampled."""
         robot = cast("Robot", self.robot)
-        found = cancel_claims(robot, self.model, self.motion, self._tolerance, limits, worst, self.knots)
-        self.bounds |= found.bounds
-        self._covers_of_cancels = found.cover
-        self._short += [Undecided(*one) for one in found.short]
+        result = cancel_claims(robot, self.model, self.motion, self._tolerance, limits, worst, self.knots)
+        self.bounds |= result.bounds
+        self._covers_of_cancels = result.cover
+        self._short += [Undecided(*one) for one in result.short]
 
     def run_objects(self, limits: Limits, worst: Mapping[str, Worst]) -> None:
         """Prove the contacts of objects, each by itself; of those without a proof nothing is claimed."""
         robot = cast("Robot", self.robot)
-        found = object_claims(robot, self.model, self.motion, self._tolerance, limits, worst, self.knots)
-        self.bounds |= found.bounds
-        self._objects, self._short = found.proofs, [*self._short, *(Undecided(*one) for one in found.short)]
-        if found.model:
-            self.model[OBJECTS] = found.model
+        found_objects = object_claims(
+            robot, self.model, self.motion, self._tolerance, limits, worst, self.knots
+        )
+        self.bounds |= found_objects.bounds
+        self._objects, self._short = (
+            found_objects.proofs,
+            [*self._short, *(Undecided(*one) for one in found_objects.short)],
+        )
+        if found_objects.model:
+            self.model[OBJECTS] = found_objects.model
 
     def _goals(self, goals: dict[str, float]) -> list[tuple[dict[str, float], float]]:
         """Goals one after the other, and the share of intervals that may be short of them at first.
@@ -307,9 +312,12 @@ class _ProofSearch:
             np.stack(np.split(forces[..., where.reshape(-1)], 2, axis=-1))
             for forces in self._forces(unique[:, 0].astype(int), unique[:, 1])
         ]
-        batch, at = _Batch(piece, start, end, by_rule[0]), Intervals(self.motion, piece, start, end)
-        loads, count = self.checker.loads(at), len(self.model["pairs"])
-        middles = [form.c[0].T for form in (at.q, loads.late) if form is not None]
+        batch, time_intervals = (
+            _Batch(piece, start, end, by_rule[0]),
+            Intervals(self.motion, piece, start, end),
+        )
+        loads, count = self.checker.loads(time_intervals), len(self.model["pairs"])
+        middles = [form.c[0].T for form in (time_intervals.q, loads.late) if form is not None]
 
         def directions(intervals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
             assert self._separations is not None  # who asks has bodies
@@ -319,7 +327,7 @@ class _ProofSearch:
             batch.directions.update(zip(asked, towards, strict=True))
             return towards
 
-        margins = self.checker.margins(at, loads, by_rule[0], directions)
+        margins = self.checker.margins(time_intervals, loads, by_rule[0], directions)
         short = (margins["contacts"] < 0) | (margins["tip-over"] < 0)
         loaded = np.any(by_rule[1] != 0, axis=3)  # (2, rules, contacts, N)
         rows = np.flatnonzero(
@@ -354,14 +362,16 @@ class _ProofSearch:
 
     def undecided(self) -> tuple[Undecided, ...]:
         """The intervals that remain undecided, with neighbours merged."""
-        found, times = [], np.array(self.motion["times"])
+        results, times = [], np.array(self.motion["times"])
         for batch, margins in self._open:
             a, b = times[batch.piece].T
             start, end = (a + 0.5 * (u + 1) * (b - a) for u in (batch.start, batch.end))
             for name, margin in margins.items():
                 for k in np.flatnonzero(~(margin >= 0)):
-                    found.append(Undecided(float(start[k]), float(end[k]), name, float(min(-margin[k], 1e9))))
-        return _joined([*found, *self._short])
+                    results.append(
+                        Undecided(float(start[k]), float(end[k]), name, float(min(-margin[k], 1e9)))
+                    )
+        return _joined([*results, *self._short])
 
     def checked(self) -> tuple[dict[str, Any], Verdict]:
         """The certificate, and what the checker says of it.
@@ -391,16 +401,16 @@ class _ProofSearch:
                 towards.setdefault((number, k), []).append((pair, d))
         numbers = {id(batch): number for number, batch in enumerate(batches)}
         parts, known = [], len(self.model["pairs"]) * (1 + (CLEARANCE in self.bounds))  # late ones if claimed
-        for own in cover:
-            own.sort(key=lambda entry: entry[0])
-            _, last, k = own[-1]
+        for part in cover:
+            part.sort(key=lambda entry: entry[0])
+            _, last, k = part[-1]
             parts.append(
                 {
-                    "ends": [*(start for start, _, _ in own), float(last.end[k])],
-                    "forces": [batch.forces[..., i].tolist() for _, batch, i in own],
+                    "ends": [*(start for start, _, _ in part), float(last.end[k])],
+                    "forces": [batch.forces[..., i].tolist() for _, batch, i in part],
                     "directions": [
                         [n, pair, *d.tolist()]
-                        for n, (_, batch, i) in enumerate(own)
+                        for n, (_, batch, i) in enumerate(part)
                         for pair, d in towards.get((numbers[id(batch)], i), [])
                         if pair < known
                     ],
@@ -426,12 +436,12 @@ class _ProofSearch:
 
 def _joined(parts: list[Undecided]) -> tuple[Undecided, ...]:
     """Neighbours as one."""
-    found: list[Undecided] = []
+    undecideds: list[Undecided] = []
     for one in sorted(parts, key=lambda one: (one.claim, one.start)):
-        last = found[-1] if found else None
+        last = undecideds[-1] if undecideds else None
         if last and last.claim == one.claim and one.start <= last.end + 1e-9:
             end, short = max(last.end, one.end), max(last.short, one.short)
-            found[-1] = Undecided(last.start, end, one.claim, short)
+            undecideds[-1] = Undecided(last.start, end, one.claim, short)
         else:
-            found.append(one)
-    return tuple(found)
+            undecideds.append(one)
+    return tuple(undecideds)

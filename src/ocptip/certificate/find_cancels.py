@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.certificate.claimed import limit_within
-from ocptip.certificate.find_within import HIGHEST, CheckedRows, Found, SearchWithin
+from ocptip.certificate.find_within import HIGHEST, CheckedRows, SearchedClaims, SearchWithin
 from ocptip.certificate.result import CANCELS
 from ocptip.certificate.trusted.cancelled import Boxes, Cancelled
 from ocptip.certificate.trusted.checker import (
@@ -68,7 +68,7 @@ def cancel_claims(
     limits: Limits,
     worst: Mapping[str, Worst],
     knots: np.ndarray,
-) -> Found:
+) -> SearchedClaims:
     """Bounds and covers of the claims about cancels, nominal and within a tolerance, and what is short.
 
     Args:
@@ -86,21 +86,21 @@ def cancel_claims(
     if tolerance is not None:
         goals = {name: limit_within(limits, name) for name in nominal}
         kinds[WITHIN_CANCEL] = worst_case_of(robot, limits.tolerance).footing, tolerance, goals
-    every = Found({}, {}, [])
-    for key, (footing, own, goals) in kinds.items():
+    every = SearchedClaims({}, {}, [])
+    for key, (footing, goal, goals) in kinds.items():
         names = COVERS_OF_CANCELS[key]
         if any(name in worst and worst[name].value >= 1 for name in names):
             continue
-        search = SearchWithin(footing, model, motion, own, goals, knots)
-        found = SearchCancels(search, model, motion).found()
+        search = SearchWithin(footing, model, motion, goal, goals, knots)
+        result = SearchCancels(search, model, motion).claims()
         within = " within tolerance" if key == WITHIN_CANCEL else ""
-        every.short.extend((start, end, claim + within, by) for start, end, claim, by in found.short)
-        if found.short:
+        every.short.extend((start, end, claim + within, by) for start, end, claim, by in result.short)
+        if result.short:
             continue
-        every.bounds.update({name: found.bounds[own] for name, own in zip(names, goals, strict=True)})
-        angle = found.bounds[ANGLE_MARGIN_CANCEL]
+        every.bounds.update({name: result.bounds[goal] for name, goal in zip(names, goals, strict=True)})
+        angle = result.bounds[ANGLE_MARGIN_CANCEL]
         every.bounds[ANGLE_MARGIN_CANCEL] = min(angle, every.bounds.get(ANGLE_MARGIN_CANCEL, angle))
-        every.cover[key] = found.cover
+        every.cover[key] = result.cover
     return every
 
 
@@ -118,7 +118,7 @@ class SearchCancels:
         self._limits, self._contacts = limits_of(model), search.sharing.contacts
         self._splits: dict[tuple[int, str], str] = {}
 
-    def found(self) -> Found:
+    def claims(self) -> SearchedClaims:
         """The bounds, by the names of those within a tolerance, and the cover; or what is short."""
         boxes, places = self._first()
         done, total, angle = _Proved(), 0, np.inf
@@ -140,15 +140,15 @@ class SearchCancels:
             worst = left[np.argsort(margins[left])[:1]]
             lost, by = self._lost(boxes.some(worst), margins[worst])
             if len(lost.piece):
-                return Found({}, {}, self._short(lost, by))
+                return SearchedClaims({}, {}, self._short(lost, by))
             if total + 2 * len(left) > _MOST:
-                return Found({}, {}, self._short(boxes.some(left), margins[left]))
+                return SearchedClaims({}, {}, self._short(boxes.some(left), margins[left]))
             boxes, places = self._halved(boxes.some(left), [places[k] for k in left])
         unit, bounds = self._contacts.unit, dict(self._search.goals)
         if self._contacts.flat:
             value = unit / (unit + done.least) if done.least > 0 else HIGHEST
             bounds[TIP_WITHIN] = min(value * (1 + 1e-9), HIGHEST)
-        return Found({**bounds, ANGLE_MARGIN_CANCEL: min(angle, 1e6) - 1e-9}, self._cover(done), [])
+        return SearchedClaims({**bounds, ANGLE_MARGIN_CANCEL: min(angle, 1e6) - 1e-9}, self._cover(done), [])
 
     def _good(self, part: CheckedRows) -> np.ndarray:
         """Which rows are proved; of some that lack friction only, the tightest bounds are tried."""
@@ -203,7 +203,9 @@ class SearchCancels:
     def _halved(self, boxes: Boxes, places: list[tuple[int, str]]) -> tuple[Boxes, list[tuple[int, str]]]:
         times, after = self._widths(boxes)
         late = after > times
-        self._splits |= {place: "a" if own else "t" for place, own in zip(places, late, strict=True)}
+        self._splits |= {
+            place: "a" if begins_late else "t" for place, begins_late in zip(places, late, strict=True)
+        }
         halves = [(root, way + side) for side in "01" for root, way in places]
         return self._without_rest(boxes.halves(late), halves)
 

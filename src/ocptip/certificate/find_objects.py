@@ -24,7 +24,7 @@ from ocptip.standing.objects import GRIPPER, CarriedObject
 
 
 @dataclass(eq=False)
-class FoundObjects:
+class ObjectClaims:
     """Objects that are proved: their parts of the model, what proves them, bounds; and what is short."""
 
     model: list[dict[str, Any]] = field(default_factory=list)
@@ -41,12 +41,12 @@ def object_claims(
     limits: Limits,
     worst: Mapping[str, Worst],
     knots: np.ndarray,
-) -> FoundObjects:
+) -> ObjectClaims:
     """Bounds and covers of the contacts of objects, nominal and within a tolerance; arguments as of
     `find_cancels.cancel_claims`.
     """
-    every = FoundObjects()
-    for carried in (_in_link(robot, own) for own in robot.carried):
+    every = ObjectClaims()
+    for carried in (_in_link(robot, carried_here) for carried_here in robot.carried):
         footing, data = carried.footing, object_data(robot, carried)
         kinds = {"cover": (False, NOTHING)} | ({"cover_within": (True, tolerance)} if tolerance else {})
         bounds, short = dict[str, float](), list[tuple[float, float, str, float]]()
@@ -59,17 +59,21 @@ def object_claims(
             if any(name not in worst or not worst[name].value < 1 for name in names):
                 break
             goals = {
-                own: goal_within(limits, worst, name) for own, name in zip(CLAIMS_WITHIN, names, strict=True)
+                carried_here: goal_within(limits, worst, name)
+                for carried_here, name in zip(CLAIMS_WITHIN, names, strict=True)
             }
             held = footing.weakest(limits.tolerance) if within else footing
-            found = SearchWithin(held, model, motion, world, goals, knots, data).found()
-            if found is None or found.short:
-                short = [] if found is None else found.short
+            result = SearchWithin(held, model, motion, world, goals, knots, data).claims()
+            if result is None or result.short:
+                short = [] if result is None else result.short
                 if not within:
                     short = [(a, b, claim.replace(" within tolerance", ""), by) for a, b, claim, by in short]
                 break
-            proof[key] = found.cover
-            bounds |= {name: found.bounds[own] for own, name in zip(CLAIMS_WITHIN, names, strict=True)}
+            proof[key] = result.cover
+            bounds |= {
+                name: result.bounds[carried_here]
+                for carried_here, name in zip(CLAIMS_WITHIN, names, strict=True)
+            }
         else:
             every.model.append(data)
             every.proofs.append(proof)

@@ -39,7 +39,7 @@ _DIGITS = 6  # of forces, N
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class SearchedClaims:
     """A part of a certificate.
 
     Attributes:
@@ -151,9 +151,9 @@ class SearchWithin:
     ) -> None:
         place = len(self._starts) + np.cumsum(done) - 1
         for part in parts:
-            own = _some(part, done[part.interval])
-            own.interval = place[own.interval]
-            self._parts.append(own)
+            rest_of_part = _some(part, done[part.interval])
+            rest_of_part.interval = place[rest_of_part.interval]
+            self._parts.append(rest_of_part)
         self._starts = np.concatenate([self._starts, starts[done]])
         self._ends = np.concatenate([self._ends, ends[done]])
         self._apart = np.concatenate([self._apart, apart[done]])
@@ -174,10 +174,10 @@ class SearchWithin:
         tips = np.abs(np.einsum("ai,kir->kar", self.sharing.contacts.axes, wrenches)).max(axis=1, initial=0.0)
         number = late.delayed - 1 + np.cumsum(boxed, axis=0)
         for row in np.flatnonzero(wanted):
-            own, counts = apart[rows.interval[row]], rows.branches[:, row]
+            apart_here, counts = apart[rows.interval[row]], rows.branches[:, row]
             some = np.flatnonzero(boxed[:, row])
             for joint in some[np.argsort(-tips[number[some, row], row])]:
-                own[joint] |= np.prod(counts[own]) * counts[joint] <= most
+                apart_here[joint] |= np.prod(counts[apart_here]) * counts[joint] <= most
 
     def _first(self) -> tuple[np.ndarray, np.ndarray]:
         late = self.sharing.late
@@ -209,21 +209,21 @@ class SearchWithin:
                 *(terms.some(short), forces[:, 0][..., short], weights[..., short], share), patient=False
             )
             if len(short := short[~(slack[short] >= 0)]) and self._several:
-                some, own = terms.some(short), forces[:, 0][..., short]
+                some, force = terms.some(short), forces[:, 0][..., short]
                 better = self._lighter if sharing.contacts.flat else self._improved
                 weights[..., short], slack[short] = better(
-                    some, own, weights[..., short], capacity[:, short], share
+                    some, force, weights[..., short], capacity[:, short], share
                 )
             for rule in _RULES if self._several and sharing.contacts.flat else ():
                 if not len(short := short[~(slack[short] >= 0)]):
                     break
-                own = rule(weights[..., short])  # the rule shares the whole wrench
+                force = rule(weights[..., short])  # the rule shares the whole wrench
                 none = np.zeros((2, *forces.shape[2:4], len(short)))
                 with np.errstate(invalid="ignore"):  # too few contacts may be left
-                    found = sharing.held(terms.some(short), none, own, share, patient=False)
-                better = found > slack[short]
-                forces[:, 0][..., short[better]], slack[short[better]] = 0.0, found[better]
-                weights[..., short[better]] = own[..., better]
+                    result = sharing.held(terms.some(short), none, force, share, patient=False)
+                better = result > slack[short]
+                forces[:, 0][..., short[better]], slack[short[better]] = 0.0, result[better]
+                weights[..., short[better]] = force[..., better]
             if share < HIGHEST:
                 beyond = ~(slack >= 0)
         moments, loose = np.full(len(slack), np.inf), np.zeros(len(slack), dtype=bool)
@@ -305,31 +305,31 @@ class SearchWithin:
         constant, error = rule.constant(forces[:, 0].reshape(2, -1, count), np.zeros(6), terms.size)
         capacity = np.empty((contacts, count))
         for k, pieces in enumerate(self.sharing.contacts.sets):
-            at = np.s_[3 * k : 3 * k + 3]
-            place = rule.rule[:, at], constant[:, at], error[at]
+            block = np.s_[3 * k : 3 * k + 3]
+            place = rule.rule[:, block], constant[:, block], error[block]
             rows = [[(np.array([slope, 0.0, 0.0]), radius)] for *_, radius, slope in pieces]
-            capacity[k] = np.max([self.sharing.least(terms, place, own) for own in rows], axis=0)
+            capacity[k] = np.max([self.sharing.least(terms, place, row) for row in rows], axis=0)
         largest, rough = np.max(capacity, axis=0), self.sharing.contacts.bears[1::3, None]
         weights[:, 1] = rough * np.clip(capacity / np.where(largest > 0, largest, 1.0), 1e-4, None)
         return weights, capacity
 
     # --- what was found -----------------------------------------------------------------------------------
 
-    def found(self, most_short: float = 1.0) -> Found | None:
+    def claims(self, most_short: float = 1.0) -> SearchedClaims | None:
         """The bounds, and the cover; None: not tried, there are too many intervals, or more than this share
         of them is short at first."""
         if not self._run(most_short):
             return None
         bounds, short = dict(self.goals), self._short()
         if short:
-            return Found(bounds, {}, short)
+            return SearchedClaims(bounds, {}, short)
         if self.sharing.contacts.flat:
             unit = self.sharing.contacts.unit
             least = min(float(np.min(part.moments, initial=np.inf)) for part in self._parts)
             value = unit / (unit + least) if least > 0 else HIGHEST
             bounds[TIP_WITHIN] = min(value * (1 + 1e-9), HIGHEST)
         bounds[SLIP_WITHIN] = self._proved_share()
-        return Found(bounds, self._cover(), [])
+        return SearchedClaims(bounds, self._cover(), [])
 
     def _proved_share(self) -> float:
         """The minimum share of friction that is proved to be enough for all rows."""
@@ -361,13 +361,13 @@ class SearchWithin:
         rows = np.argsort(rank[owner], kind="stable")
         return {
             "ends": [*self._starts[order].tolist(), float(np.max(self._ends))],
-            "apart": [np.flatnonzero(own).tolist() for own in self._apart[order]],
+            "apart": [np.flatnonzero(indices).tolist() for indices in self._apart[order]],
             "forces": np.moveaxis(forces, -1, 0)[rows].tolist(),
             "weights": np.moveaxis(weights, -1, 0)[rows].tolist(),
         }
 
     def _short(self) -> list[tuple[float, float, str, float]]:
-        found = []
+        results = []
         for part in self._parts:
             bad = np.flatnonzero(~part.holds)
             if not len(bad):
@@ -376,10 +376,10 @@ class SearchWithin:
             for name, margin in self.sharing.margins(some.terms, some.forces, some.weights).items():
                 for k, short in zip(some.interval, margin, strict=True):
                     if not short >= 0:
-                        found.append(
+                        results.append(
                             (float(self._starts[k]), float(self._ends[k]), name, float(min(-short, 1e9)))
                         )
-        return found
+        return results
 
 
 def _without_idle(weights: np.ndarray) -> np.ndarray:

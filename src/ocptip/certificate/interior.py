@@ -45,9 +45,9 @@ class Interior:
             best = np.where(better, margin, best)
         size = np.max(np.abs(forces), axis=(1, 2))
         for row in np.flatnonzero(best < _SMALL * size):
-            found = self._deepest(chosen[row], wrenches[row], float(share[row, 0]))
-            if found is not None and self._margin(found[None], share[row : row + 1])[0] > best[row]:
-                chosen[row] = found
+            result = self._deepest(chosen[row], wrenches[row], float(share[row, 0]))
+            if result is not None and self._margin(result[None], share[row : row + 1])[0] > best[row]:
+                chosen[row] = result
         return chosen
 
     def _deepest(self, forces: np.ndarray, wrench: np.ndarray, share: float) -> np.ndarray | None:
@@ -82,9 +82,9 @@ class Interior:
             )
             numbers.append(np.array([share * radius[k] / unit, 0.0, 0.0]))
             cones.append(clarabel.SecondOrderConeT(3))
-        found = solve_cones(-last, np.vstack(rows), np.concatenate(numbers), cones, quiet_settings(1e-10))
-        solved = found.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
-        return unit * np.array(found.x[:-1]).reshape(count, 3) if solved else None
+        result = solve_cones(-last, np.vstack(rows), np.concatenate(numbers), cones, quiet_settings(1e-10))
+        solved = result.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
+        return unit * np.array(result.x[:-1]).reshape(count, 3) if solved else None
 
     def without(self, forces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
         """Forces without those of contacts that carry next to nothing; the others hold the wrench."""
@@ -104,15 +104,15 @@ class Interior:
         """Normal forces that all press, tangential ones in proportion to them."""
         total = np.maximum(np.sum(np.maximum(forces[:, :, 0], 0.0), axis=1, keepdims=True), 1e-9)
         least = _LEAST * total / forces.shape[1]
-        found = forces.copy()
+        values = forces.copy()
         for _ in range(_ROUNDS):
-            found[:, :, 0] = np.maximum(found[:, :, 0], least)
+            values[:, :, 0] = np.maximum(values[:, :, 0], least)
             weight = np.concatenate(
-                [np.ones_like(found[:, :, :1]), np.repeat(found[:, :, :1] / total[:, None], 2, 2)], 2
+                [np.ones_like(values[:, :, :1]), np.repeat(values[:, :, :1] / total[:, None], 2, 2)], 2
             )
             weight = np.maximum(weight, 1e-6)
-            found = self._balanced(found, wrenches, weight)
-        return found
+            values = self._balanced(values, wrenches, weight)
+        return values
 
     def _balanced(self, forces: np.ndarray, wrenches: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Forces nearest by weight that hold the wrenches."""

@@ -167,12 +167,12 @@ class Certificate:
             key: of its bound.
             number: the limit.
         """
-        own = [one for one in self.undecided if one.claim.replace("contacts", "slip") == limit]
+        matching = [one for one in self.undecided if one.claim.replace("contacts", "slip") == limit]
         beyond = (
             self.verdict.bounds.get(key, number) - number if self.verdict.holds and not self.kept else 0.0
         )
-        short = max([beyond if key not in _LEAST else -beyond, *(one.short for one in own)])
-        return short, [0.5 * (one.start + one.end) for one in own]
+        short = max([beyond if key not in _LEAST else -beyond, *(one.short for one in matching)])
+        return short, [0.5 * (one.start + one.end) for one in matching]
 
     def followed_by(self, others: Sequence[Self], begins: Sequence[float]) -> Self:
         """The certificate of consecutive motions: the weakest value of every bound, times from the first
@@ -225,9 +225,9 @@ class Certificate:
             more = f", and {len(self.undecided) - 1} more" if len(self.undecided) > 1 else ""
             return f"not proved for all instants: {first}{more}"
         bounds = claims(self.verdict, on_time=set(LATE) <= set(self.sampled))
-        found = f"at every instant {bounds} ({self.verdict.intervals} intervals)"
-        found += "" if self.kept else "; beyond the limits"
-        return found + (
+        result = f"at every instant {bounds} ({self.verdict.intervals} intervals)"
+        result += "" if self.kept else "; beyond the limits"
+        return result + (
             f"; sampled only: {', '.join(map(quantity_title, self.sampled))}" if self.sampled else ""
         )
 
@@ -254,7 +254,7 @@ def claims(verdict: Verdict, on_time: bool = False) -> str:
     """The proved bounds in one line, see `claim_rows`; `on_time` notes that no joint is delayed."""
     rows = claim_rows(verdict)
     within = [f" (worst case {worst})" if worst != "-" else "" for _, _, worst in rows]
-    parts = [f"{name[:1].lower()}{name[1:]} {own}" for name, own, _ in rows]
+    parts = [f"{name[:1].lower()}{name[1:]} {claim_text}" for name, claim_text, _ in rows]
     text = ", ".join(part + more for part, more in zip(parts, within, strict=True))
     return text + ("; worst case with all joints on time" if on_time and any(within) else "")
 

@@ -99,16 +99,16 @@ class ResultReport(Report):
         out: file that it is saved to; None: nowhere.
     """
 
-    found: Any
+    result: Any
     out: str | Path | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The result as data."""
-        return self.found.to_dict()
+        return self.result.to_dict()
 
     def write(self) -> Iterator[Path]:
         """The file that was asked for."""
-        if self.out is not None and (path := self.found.save(self.out)) is not None:
+        if self.out is not None and (path := self.result.save(self.out)) is not None:
             yield path
 
 
@@ -122,17 +122,17 @@ class FolderReport(Report):
         figures: whether figures are among them.
     """
 
-    found: Any
+    result: Any
     directory: Path
     figures: bool
 
     def to_dict(self) -> dict[str, Any]:
         """The result as data, and the list `written`."""
-        return {**self.found.to_dict(), "written": self.written}
+        return {**self.result.to_dict(), "written": self.written}
 
     def write(self) -> Iterator[Path]:
         """The files of the result."""
-        yield from self.found.write(self.directory, figures=self.figures, extra={"warnings": self.warnings})
+        yield from self.result.write(self.directory, figures=self.figures, extra={"warnings": self.warnings})
 
 
 @dataclass

@@ -56,13 +56,16 @@ def under(name: str, texts: Iterable[object]) -> list[tuple[str, str]]:
     return [("" if k else name, f"{text}") for k, text in enumerate(texts)]
 
 
-def changes_table(found: Sequence[Sensitivity], title: str = "") -> list[str]:
+def changes_table(sensitivities: Sequence[Sensitivity], title: str = "") -> list[str]:
     """The worst values as they are and after each change; empty without changes."""
-    if not found:
+    if not sensitivities:
         return []
-    case = "worst case" if found[0].worst_case else "nominal"
-    rows = [[f"{title}, {case}" if title else case, *found[0].before.TITLES]]
-    rows += [["as it is", *found[0].before.cells()], *([one.change, *one.after.cells()] for one in found)]
+    case = "worst case" if sensitivities[0].worst_case else "nominal"
+    rows = [[f"{title}, {case}" if title else case, *sensitivities[0].before.TITLES]]
+    rows += [
+        ["as it is", *sensitivities[0].before.cells()],
+        *([one.change, *one.after.cells()] for one in sensitivities),
+    ]
     known = [k for k in range(len(rows[0])) if any(row[k] != "-" for row in rows[1:])]
     return table([[row[k] for k in known] for row in rows], left=(0,))
 
@@ -79,18 +82,20 @@ def check_rows(checked: MotionCheck, robustness: Sequence[Tolerated]) -> list[tu
     ]
 
 
-def tolerated_lines(found: Sequence[Tolerated]) -> list[str]:
+def tolerated_lines(tolerateds: Sequence[Tolerated]) -> list[str]:
     """Robustness, a line for each deviation; one line for a nominal motion that loses a contact."""
-    for one in found:
+    for one in tolerateds:
         if one.quantity == "tilt" and one.value == 0 and not one.at_most:
             return [f"nothing: the nominal model loses a contact ({one.how}, {one.time:.3f} s)"]
-    return [f"{one}" for one in found]
+    return [f"{one}" for one in tolerateds]
 
 
 def gear_rows(segments: CycleCheck) -> list[tuple[str, str]]:
     """The vibration of a cycle's segments with elastic joints, each from rest."""
     pairs = zip(segments.names, segments.segments, strict=True)
-    return under("elastic joints", [f"{name}: {line}" for name, own in pairs for line in own.drive_lines])
+    return under(
+        "elastic joints", [f"{name}: {line}" for name, driven in pairs for line in driven.drive_lines]
+    )
 
 
 def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
@@ -98,7 +103,11 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     if (within := checked.within) is None:
         return []
     texts = [f"{within.tolerance}"]
-    texts += [f"worst {name}: {at}" for name, at in (("tipping", within.tip), ("slip", within.slip)) if at]
+    texts += [
+        f"worst {name}: {instant}"
+        for name, instant in (("tipping", within.tip), ("slip", within.slip))
+        if instant
+    ]
     if within.gap:
         texts.append(f"minimum clearance: {within.gap}")
     return under("uncertainty", texts)
@@ -134,7 +143,7 @@ def stop_table(stops: Stops) -> list[str]:
 def segment_rows(task: Task, check: CycleCheck) -> list[list[str]]:
     """Titles, a row per segment (what it holds, energy, duration, rest, worst values), and one of all."""
     rows = [["segment", "holds", "energy", "time", "rest", *_HEADS.values(), ""]]
-    for k, (name, own) in enumerate(zip(check.names, check.segments, strict=True)):
+    for k, (name, segment) in enumerate(zip(check.names, check.segments, strict=True)):
         payload = task.segments[k].task.robot.payload
         pause, energy = check.pauses[k], check.rest_energies[k]
         rest = f"{quantity(pause, 's')}, {quantity(energy, 'J')}" if pause else "-"
@@ -142,11 +151,11 @@ def segment_rows(task: Task, check: CycleCheck) -> list[list[str]]:
             [
                 f"{k + 1} {name}",
                 quantity(payload.mass, "kg") if payload else "nothing",
-                quantity(own.energy, "J"),
-                f"{own.duration:.3f} s",
+                quantity(segment.energy, "J"),
+                f"{segment.duration:.3f} s",
                 rest,
-                *_values(own),
-                "" if own.verified else "BROKEN",
+                *_values(segment),
+                "" if segment.verified else "BROKEN",
             ]
         )
     whole = check.whole

@@ -199,8 +199,8 @@ class _TaskRow:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of its JSON file; else what went wrong."""
-        found = {"verified": False, "status": self.text} if self.data is None else self.data
-        return {"task": self.name, "exit_code": self.code, "kept": self.kept, **found}
+        data = {"verified": False, "status": self.text} if self.data is None else self.data
+        return {"task": self.name, "exit_code": self.code, "kept": self.kept, **data}
 
 
 class _Saying:

@@ -26,60 +26,60 @@ _NAMES = re.compile(r"[^\s,;:()]+(?:, [^\s,;:()]+){4,}(?=$|[;:]| )")  # five and
 
 def notes(checked: MotionCheck) -> list[str]:
     """Remarks that limit the answer: assumptions about shared forces, and what was not checked."""
-    contacts, collision, found = checked.contacts, checked.collision, []
+    contacts, collision, results = checked.contacts, checked.collision, []
     if not contacts.unique and contacts.force:
-        found.append("rigid feet can share the load differently; foot forces are of equally compliant feet")
+        results.append("rigid feet can share the load differently; foot forces are of equally compliant feet")
     if contacts.alike and contacts.alike.value < 0:
-        found.append(
+        results.append(
             f"an equally compliant foot lifts {contacts.alike}; the other feet hold the base. "
             "Declare `stiffness` of the contacts to plan with their springs"
         )
-    for name, own in checked.objects.items():
-        if own.alike and own.alike.value < 0:
-            found.append(
-                f"an equally compliant contact of {name} lifts {own.alike}; its tipping margin says whether "
+    for name, held in checked.objects.items():
+        if held.alike and held.alike.value < 0:
+            results.append(
+                f"an equally compliant contact of {name} lifts {held.alike}; its tipping margin says whether "
                 "the others hold it"
             )
     if contacts.equal_friction and contacts.equal_friction.value >= 1:
         # The share of a foot with hardly any load is a number without use.
         share = percent(contacts.equal_friction.value) if contacts.equal_friction.value < 10 else "far more"
-        found.append(
+        results.append(
             f"friction used is for the best sharing of the load; equally compliant feet would need {share} "
             f"of it {contacts.equal_friction}. Declare `stiffness` of the contacts to check their springs"
         )
     every = {"the base": contacts, **checked.objects}
-    sliding = [name for name, own in every.items() if own.friction and own.friction.value > 1]
+    sliding = [name for name, held in every.items() if held.friction and held.friction.value > 1]
     if sliding:
-        found.append(
+        results.append(
             f"{some(sliding, 3)} slides: its tipping margin and forces are those of the sliding state, whose "
             "acceleration changes them"
         )
     if contacts.weak:
-        found.append(
+        results.append(
             f"weakly stable at {contacts.weak} sampled instants, first at {contacts.first_weak:.3f} s, as is "
             "usual with casters: forces hold the base, but how rigid contacts share the load is open. With "
             "another sharing it might move. Declare `stiffness` of the contacts to decide"
         )
     if not collision["checked"]:
-        found.append("collisions are not checked: no collision geometry")
+        results.append("collisions are not checked: no collision geometry")
     elif unseen := [" and ".join(pair) for pair in collision["unseen"]]:
-        found.append(f"collisions are not checked for {some(unseen, 3)}, whose solids mostly overlap")
+        results.append(f"collisions are not checked for {some(unseen, 3)}, whose solids mostly overlap")
     if checked.within and checked.within.exact_springs:
-        found.append("counterbalance springs count as exact: `springs` in [tolerance] is their share")
+        results.append("counterbalance springs count as exact: `springs` in [tolerance] is their share")
     if checked.within and "foot_force_N" in checked.worst:
-        found.append("compliant feet are checked in the nominal model only")
+        results.append("compliant feet are checked in the nominal model only")
     if checked.within and "GN_gears" in checked.worst:
-        found.append("vibration of elastic joints is checked in the nominal model only")
-    return found
+        results.append("vibration of elastic joints is checked in the nominal model only")
+    return results
 
 
 def brief_notes(notes: Iterable[str], verbose: bool) -> list[str]:
     """Notes with long lists of names cut to the first ones and a number, unless all is asked for."""
-    found = []
+    results = []
     for note in notes:
         brief = _NAMES.sub(_first_names, note) if len(note) > _LONG_NOTE and not verbose else note
-        found.append(brief if brief == note else f"{brief} (-v lists all)")
-    return found
+        results.append(brief if brief == note else f"{brief} (-v lists all)")
+    return results
 
 
 def _first_names(names: re.Match[str]) -> str:
@@ -94,7 +94,7 @@ def required_lines(outcomes: Iterable[object]) -> list[str]:
 
 
 def motion_text(
-    found: CheckedMotion,
+    checked_motion: CheckedMotion,
     head: Sequence[str],
     *,
     scaled: Iterable[tuple[float, MotionCheck]] = (),
@@ -120,23 +120,29 @@ def motion_text(
         required: lines of requirements.
         written: files; an answer that is printed before they are written has none and is the beginning.
     """
-    checked, robot = found.check, found.task.robot
+    checked, robot = checked_motion.check, checked_motion.task.robot
     segments = [
         *(cancels or {}).values(),
-        *(s.decelerations for s in found.stops.values() if s.decelerations),
+        *(s.decelerations for s in checked_motion.stops.values() if s.decelerations),
     ]
     profile = robot.acts.drive_profile
     widest = max((len(name) for name, _ in details), default=0) + 2
     parts = [
-        [*head, *wrapped("Missing", filter(None, [found.unproved])), *wrapped("Broken", found.broken)],
-        table(segment_rows(found.task, found.checked), left=(0, 1)) if found.task.is_cycle else [],
+        [
+            *head,
+            *wrapped("Missing", filter(None, [checked_motion.unproved])),
+            *wrapped("Broken", checked_motion.broken),
+        ],
+        table(segment_rows(checked_motion.task, checked_motion.checked), left=(0, 1))
+        if checked_motion.task.is_cycle
+        else [],
         [*margin_table(robot, checked), *proof_lines(checked)],
-        robustness_lines(found.robustness),
-        changes_table(found.sensitivities, "What if"),
-        *(_stops(name, stops) for name, stops in found.stops.items()),
-        [line for name, own in (cancels or {}).items() for line in cancel_lines(own, name)],
+        robustness_lines(checked_motion.robustness),
+        changes_table(checked_motion.sensitivities, "What if"),
+        *(_stops(name, stops) for name, stops in checked_motion.stops.items()),
+        [line for name, item in (cancels or {}).items() for line in cancel_lines(item, name)],
         wrapped("Cancel", [in_all(segments)]) if len(segments) > 1 else [],
-        [line for factor, own in scaled for line in _scaled(robot, factor, own)],
+        [line for factor, item in scaled for line in _scaled(robot, factor, item)],
         [
             *wrapped("Note", [*notes(checked), *more]),
             *wrapped(
@@ -145,7 +151,7 @@ def motion_text(
                     *brief_notes(robot.notes, bool(details)),
                     *(profile.while_moving(checked.duration) if profile else ()),
                     *assumed,
-                    *(text for s in found.stops.values() for text in s.assumed),
+                    *(text for s in checked_motion.stops.values() for text in s.assumed),
                 ],
             ),
         ],
@@ -155,7 +161,9 @@ def motion_text(
     text = "\n\n".join("\n".join(part) for part in parts if part)
     no_stops = checked.objects or robot.acts.end  # nor does view take objects
     following = "ocptip check {0}" if no_stops else _following()
-    if len(found.checked.segments) < len(found.task.segments):  # an incomplete plan cannot be checked
+    if len(checked_motion.checked.segments) < len(
+        checked_motion.task.segments
+    ):  # an incomplete plan cannot be checked
         following = "plan again with more --seconds"
     return "\n".join([text, *required, *files_lines(written, following)])
 
@@ -170,19 +178,23 @@ def _following() -> str:
 def _stops(segment: str, stops: Stops) -> list[str]:
     """The worst of each category of stops, and the table of safe speeds."""
     title = f"Stops of segment {segment}" if segment else "Stops"
-    lines = [title, *wrapped("", stops.found, 2), *(f"  {line}" for line in stop_table(stops))]
+    lines = [title, *wrapped("", stops.summary, 2), *(f"  {line}" for line in stop_table(stops))]
     return [*lines, *(cancel_lines(stops.decelerations, segment, yaml=True) if stops.decelerations else [])]
 
 
-def cancel_lines(found: SafeDecelerations, segment: str = "", *, yaml: bool = False) -> list[str]:
+def cancel_lines(
+    safe_decelerations: SafeDecelerations, segment: str = "", *, yaml: bool = False
+) -> list[str]:
     """Safe decelerations of a cancelled controller, and the line for ros2_control, to be copied."""
     of = f"segment {segment}: " if segment else ""
     units = (
-        "" if found.together else f"  # {' and '.join(f'{unit}/s^2' for unit in dict.fromkeys(found.units))}"
+        ""
+        if safe_decelerations.together
+        else f"  # {' and '.join(f'{unit}/s^2' for unit in dict.fromkeys(safe_decelerations.units))}"
     )
     return [
-        *wrapped("Cancel", [f"{of}{found.verdict if segment else found.text}"]),
-        *([f"{found.yaml}{units}"] if yaml and found.yaml else []),
+        *wrapped("Cancel", [f"{of}{safe_decelerations.verdict if segment else safe_decelerations.text}"]),
+        *([f"{safe_decelerations.yaml}{units}"] if yaml and safe_decelerations.yaml else []),
     ]
 
 
@@ -206,8 +218,8 @@ def rise_rows(motion: Trajectory, checked: MotionCheck) -> list[tuple[str, str]]
     texts, within = [rises(motion)], checked.within and checked.within.tolerance
     shortest = min(rise for rise in motion.rise_times if rise)
     if within and within.damping is not None:
-        own = [checked.feet.frequency * shortest] if checked.feet else []
-        half, *feet = map(percent, overshoot_of_rise(within.damping, np.array([0.5, *own])))
+        periods = [checked.feet.frequency * shortest] if checked.feet else []
+        half, *feet = map(percent, overshoot_of_rise(within.damping, np.array([0.5, *periods])))
         text = f"counted as smooth: feet and structure of {1 / shortest:.3g} Hz and more overshoot by up to "
         text += f"{percent(overshoot_of_rises(within.damping))} of a change, of {0.5 / shortest:.3g} Hz "
         text += f"by {half}, {f'these feet by {feet[0]}, ' if feet else ''}after an acceleration step by "

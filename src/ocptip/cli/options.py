@@ -62,14 +62,14 @@ def with_cancel(task: Task, options: Namespace) -> Task:
     if text is None and reaction is None:
         return task
 
-    def changed(own: MotionTask) -> MotionTask:
+    def changed(motion_task: MotionTask) -> MotionTask:
         given: dict[str, Any] = {}
         if reaction is not None:
             given["reaction"] = 1e-3 * positive_number("--reaction", reaction, zero_allowed=True)
         if text is not None:
             law = re.fullmatch(r"(?P<share>[^,]+)%|stopj(?:\((?P<stopj>[^,]+)\))?|(?P<rates>.+)", text)
             kind = law.lastgroup if law else ""
-            words = law[kind].split(",") if law and kind else [str(own.stops.STOPJ)]
+            words = law[kind].split(",") if law and kind else [str(motion_task.stops.STOPJ)]
             try:
                 numbers = [positive_number("--deceleration", float(word)) for word in words]
             except ValueError:
@@ -81,15 +81,15 @@ def with_cancel(task: Task, options: Namespace) -> Task:
             elif text.startswith("stopj"):
                 given["stopj"] = numbers[0]
             else:
-                n, units = own.robot.n, own.robot.units
+                n, units = motion_task.robot.n, motion_task.robot.units
                 if len(numbers) not in (1, n):
                     raise InputError(f"expected 1 or {n} numbers, got {len(numbers)}", "--deceleration")
                 scales = np.array([np.pi / 180 if unit == "rad" else 1.0 for unit in units])
                 given["deceleration"] = scales * np.array(numbers)
-        stops, limits = replace(own.stops, **given), own.limits
+        stops, limits = replace(motion_task.stops, **given), motion_task.limits
         if limits.cancel is not None:  # as the file asks for, of an arm
-            limits = replace(limits, cancel=stops.cancel(cast("Robot", own.robot), limits))
-        return replace(own, stops=stops, limits=limits)
+            limits = replace(limits, cancel=stops.cancel(cast("Robot", motion_task.robot), limits))
+        return replace(motion_task, stops=stops, limits=limits)
 
     return task.each(changed)
 
@@ -133,10 +133,10 @@ def output_directory(options: Namespace, name: str, source: TaskSource | None = 
         name: of the task.
         source: of the task, which is written with all that it names.
     """
-    own = re.sub(r"[^\w.-]+", "-", name)
-    path = Path(options.out or f"ocptip-{options.command}-{own}")
+    stem = re.sub(r"[^\w.-]+", "-", name)
+    path = Path(options.out or f"ocptip-{options.command}-{stem}")
     if options.out and getattr(options, "many", False):
-        path = path / own
+        path = path / stem
     if path.exists() and not path.is_dir():
         raise InputError(f"--out: {path} is not a directory")
     if not path.parent.is_dir():
@@ -163,9 +163,9 @@ def read_gate(options: Namespace) -> None:
         read_requirements(options.require)
 
 
-def gate_of(options: Namespace, found: _Requirable) -> dict[str, Any]:
+def gate_of(options: Namespace, requirable: _Requirable) -> dict[str, Any]:
     """The fields of a `GatedReport` from the options and the answer."""
-    outcomes = () if options.require is None else found.require(options.require)
+    outcomes = () if options.require is None else requirable.require(options.require)
     return {"outcomes": outcomes, "junit": options.junit}
 
 

@@ -110,8 +110,8 @@ class ConeProblem:
         """
         lengths = np.r_[np.ones(3), np.full(3, self.support.length)]
         scaled = acceleration * lengths * self.support.mass / self.unit
-        found = self._refined(np.array(what), scaled, forces / self.unit)
-        return None if found is None else self._state(found * self.unit)
+        result = self._refined(np.array(what), scaled, forces / self.unit)
+        return None if result is None else self._state(result * self.unit)
 
     def _refined(self, what: np.ndarray, acceleration: np.ndarray, forces: np.ndarray) -> np.ndarray | None:
         """Newton's method in the problem's units: forces (n, 3)."""
@@ -199,8 +199,8 @@ class ConeProblem:
         rhs = system.rhs_matrix @ self.wrench + system.plain_rhs_offset
         columns = system.active_columns(np.array([subsets]))[0]
         residual = np.max(np.abs(system.plain_matrix[:, columns] @ basic - rhs)) / np.max(np.abs(rhs))
-        found = SearchResult(FOUND, np.array(subsets), basic, float(residual), 0)
-        state = solution_from_search(aligned, self.wrench, found)
+        search_result = SearchResult(FOUND, np.array(subsets), basic, float(residual), 0)
+        state = solution_from_search(aligned, self.wrench, search_result)
         lawful = state.states.law_violation()[0] < LAW_TOLERANCE
         return state if lawful and clearly_moving(state.states)[0] else None
 

@@ -98,12 +98,12 @@ class _Search:
         balance = np.zeros((6, size))
         balance[:, :6] = np.eye(6)
         signs = []
-        for k, what, at, rates, forces in blocks:
-            at_force = at + rates.shape[1]
+        for k, what, index, rates, forces in blocks:
+            at_force = index + rates.shape[1]
             balance[:, at_force : at_force + forces.shape[1]] = -self.contacts[k].T @ forces
             rows = np.zeros((3, size))
             rows[:, :6] = self.contacts[k]
-            rows[1:, at:at_force] = -rates
+            rows[1:, index:at_force] = -rates
             if what in (STICK, SLIDE):
                 equations.append(rows[:1])
             else:
@@ -117,7 +117,7 @@ class _Search:
                 if self.problem.friction[k] == 0:
                     signs += [at_force]
             else:
-                signs += range(at, at_force + forces.shape[1])
+                signs += range(index, at_force + forces.shape[1])
             pushes.append((at_force, forces))
         positive = np.zeros((len(signs), size))
         positive[np.arange(len(signs)), signs] = -1.0
@@ -145,7 +145,7 @@ class _Search:
         x = np.asarray(solution.x)
         if 2 * self.half @ x[:6] <= self.least:
             return None
-        return x[:6], np.array([forces @ x[at : at + forces.shape[1]] for at, forces in pushes])
+        return x[:6], np.array([forces @ x[index : index + forces.shape[1]] for index, forces in pushes])
 
     def _worst(self, node: list[_Choice], y: np.ndarray, forces: np.ndarray) -> int | None:
         """The contact that breaks its laws most, of those that can be split; None if none breaks them."""

@@ -46,7 +46,7 @@ class Shared:
     pressing: np.ndarray
     maps: np.ndarray
     deflections: np.ndarray
-    found: np.ndarray
+    balanced: np.ndarray
 
 
 class ElasticFeet:
@@ -130,9 +130,9 @@ class ElasticFeet:
             if not len(todo):
                 break
         shared = self._shared(wrenches, pressing, tolerance)
-        if shared.found.all():
+        if shared.balanced.all():
             return shared
-        for i in np.flatnonzero(~shared.found):
+        for i in np.flatnonzero(~shared.balanced):
             pressing[i] = self._least(wrenches[i])
         return self._shared(wrenches, pressing, tolerance)
 
@@ -144,10 +144,10 @@ class ElasticFeet:
         forces[:, :, 0] = np.where(pressing, forces[:, :, 0], self.lowest)
         spare = -self.stiffness[:, 0] * deflections[:, :, 0] - self.lowest
         down = spare * np.where(pressing, 1.0, -1.0)
-        found = self._balances(forces, wrenches) & np.all(down >= -_KEPT * tolerance[:, None], axis=1)
+        result = self._balances(forces, wrenches) & np.all(down >= -_KEPT * tolerance[:, None], axis=1)
         for array in (forces, maps, deflections):
-            array[~found] = np.nan
-        return Shared(forces, pressing, maps, deflections, found)
+            array[~result] = np.nan
+        return Shared(forces, pressing, maps, deflections, result)
 
     def _moved(self, wrenches: np.ndarray, pressing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Motions of the feet (N, n, d), m, and their derivatives (N, n, d, w)."""

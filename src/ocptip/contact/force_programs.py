@@ -154,12 +154,12 @@ class LoadRays:
 
     def __init__(self, support: Support) -> None:
         pieces = [contact.force_pieces() for contact in support.contacts]
-        if any(len(own) > 1 for own in pieces):
-            k = next(k for k, own in enumerate(pieces) if len(own) > 1)
+        if any(len(piece) > 1 for piece in pieces):
+            k = next(k for k, piece in enumerate(pieces) if len(piece) > 1)
             raise InputError(f"contacts[{k}]: a {support.contacts[k].kind} has no convex set of forces")
         self._scaling = np.r_[np.ones(3), np.full(3, 1.0 / support.length)]
         self._unit = max(float(np.linalg.norm(support.weight)), 1.0)
-        self._rows = _force_rows(support.contacts, tuple(own[0] for own in pieces), self._unit, True, 0.0)
+        self._rows = _force_rows(support.contacts, tuple(piece[0] for piece in pieces), self._unit, True, 0.0)
         carrying = self._scaling[:, None] * support.wrench_matrix * laws.carries(support.contacts).ravel()
         u, s, _ = np.linalg.svd(carrying)
         self._reached = u[:, : len(s)][:, s > _REACHED * s[0]]
@@ -178,7 +178,9 @@ class LoadRays:
 
     def with_forces(self, start: np.ndarray, end: np.ndarray) -> tuple[float, np.ndarray, np.ndarray | None]:
         """As `farthest`, and contact forces (n, d), N, that hold the wrench there; None where none do."""
-        first, change = (self._scaling * own / self._unit for own in (start, end - start))
+        first, change = (
+            self._scaling * contact_forces / self._unit for contact_forces in (start, end - start)
+        )
         across = self._reached @ (self._reached.T @ change) - change
         if np.linalg.norm(across) > _REACHED * max(np.linalg.norm(change), _REACHED):
             return 0.0, -across * self._scaling, None

@@ -97,9 +97,9 @@ class _SolutionSearch:
             k = self._worst_contact(allowed, x)
             # All contacts fit a single mode: this is a candidate, which only counts on the original data.
             if k is None:
-                found = self._verified(allowed, x)
-                if found is not None:
-                    return SearchResult(FOUND, *found, nodes)
+                result = self._verified(allowed, x)
+                if result is not None:
+                    return SearchResult(FOUND, *result, nodes)
                 open_contacts = [j for j, mask in enumerate(allowed) if mask.sum() > 1]
                 if not open_contacts:
                     undecided |= not self._excluded(allowed)

@@ -72,9 +72,9 @@ def find_planar_motion(problem: ConeProblem, max_programs: int) -> MotionSearch:
     if not np.any(problem.load):
         return MotionSearch(EXHAUSTED, None, 0)
     search = _FeetCaseSearch(problem, max_programs)
-    found = search.run()
-    status = FOUND if found is not None else LIMIT if search.resolution else EXHAUSTED
-    return MotionSearch(status, found, search.programs, search.resolution)
+    result = search.run()
+    status = FOUND if result is not None else LIMIT if search.resolution else EXHAUSTED
+    return MotionSearch(status, result, search.programs, search.resolution)
 
 
 class _Plane:
@@ -211,9 +211,9 @@ class _FeetCaseSearch:
             )
         open_cases = []
         for case in _cases(plane):
-            found = self._without_sliding(case)
-            if found is not None:
-                return found
+            result = self._without_sliding(case)
+            if result is not None:
+                return result
             open_cases.append((case, _octahedron(), set()))
         for depth in range(_DEEPEST + 1):
             left = []
@@ -222,8 +222,8 @@ class _FeetCaseSearch:
                     self.resolution = _size(triangles)
                     return None
                 kept, guesses, turned = self._filter(case, triangles, depth)
-                for found in self._candidates(case, guesses, turned - pivots if depth else set()):
-                    return found
+                for result in self._candidates(case, guesses, turned - pivots if depth else set()):
+                    return result
                 pivots |= turned
                 if len(kept):
                     left.append((case, _quartered(kept), pivots if depth else set()))
@@ -239,9 +239,9 @@ class _FeetCaseSearch:
             for sign in (1.0, -1.0):  # either way
                 yield from self._along(case, sign * np.array([y, -x, 1.0]), outer=False)[1]
         for y, normal in guesses[:_CANDIDATES]:
-            found = self._sliding(case, y, normal)
-            if found is not None:
-                yield found
+            result = self._sliding(case, y, normal)
+            if result is not None:
+                yield result
 
     def _filter(self, case: _FeetCase, triangles: np.ndarray, depth: int):
         """Triangles that may hold a motion, guesses (motion, normal forces) in them, and feet turned about.
@@ -287,8 +287,8 @@ class _FeetCaseSearch:
                 turned |= {int(k) for k in full}
             shares = x[3 + e : 3 + e + m * _ARC_POINTS].reshape(m, -1).sum(axis=1)
             for i, k in enumerate(full):
-                at = 3 + e + m * _ARC_POINTS + i * count
-                shares[k] = np.sum(x[at : at + count])
+                index = 3 + e + m * _ARC_POINTS + i * count
+                shares[k] = np.sum(x[index : index + count])
             guesses.append((x[:3] @ triangles[t], shares))
         guesses.sort(key=lambda guess: -np.linalg.norm(guess[0]))
         return triangles[kept], guesses, turned
@@ -338,8 +338,8 @@ class _FeetCaseSearch:
         speed, _ = self._along(case, None, outer=True)
         if speed <= self.clear:
             return None
-        for found in self._along(case, None, outer=False)[1]:
-            return found
+        for result in self._along(case, None, outer=False)[1]:
+            return result
         self.resolution = max(self.resolution, 2 * np.pi / _MOST_DISC_POINTS)
         return None
 
@@ -375,8 +375,8 @@ class _FeetCaseSearch:
         rates, shares = np.split(program.x, [len(sizes)])
         total = np.zeros((len(plane.feet), 3))
         np.add.at(total, owner, shares[:, None] * forces)
-        found = None if outer else self._proved(case, motions @ rates, total)
-        return -program.fun, [] if found is None else [found]
+        result = None if outer else self._proved(case, motions @ rates, total)
+        return -program.fun, [] if result is None else [result]
 
 
 def _octahedron() -> np.ndarray:

@@ -51,22 +51,22 @@ def resting(states: ContactStates) -> ContactStates:
         first, left = left[:1], left[1:]
         wrench = states.wrenches[first[0]]
         try:
-            found = equilibrium(support, wrench)
+            result = equilibrium(support, wrench)
         except SolverError:  # no verdict: it stays as it is
             continue
-        if found.stands and found.forces is not None:
-            forces, holds = neighbours.held(found.forces, wrench, states.wrenches[left])
+        if result.stands and result.forces is not None:
+            forces, holds = neighbours.held(result.forces, wrench, states.wrenches[left])
             rows += [first, left[holds]]
-            held += [found.forces[None], forces[holds]]
+            held += [result.forces[None], forces[holds]]
             left = left[~holds]
-        elif (velocity := found.certificate) is not None:
+        elif (velocity := result.certificate) is not None:
             proof = velocity, _taken_up(support, velocity)
             support.proofs.append(proof)
             left = left[~_moved(support, states.wrenches[left], [proof])]
-    at, forces = np.concatenate(rows), np.concatenate(held)
-    if not len(at):
+    owners, forces = np.concatenate(rows), np.concatenate(held)
+    if not len(owners):
         return states
-    return on_springs(states.changed(at, standing_values(support, states.wrenches[at], forces)))
+    return on_springs(states.changed(owners, standing_values(support, states.wrenches[owners], forces)))
 
 
 class _Neighbours:
@@ -78,7 +78,7 @@ class _Neighbours:
 
     def __init__(self, support: Support) -> None:
         pieces = [contact.force_pieces() for contact in support.contacts]
-        self._pieces = [own[0] for own in pieces] if all(len(own) == 1 for own in pieces) else []
+        self._pieces = [piece[0] for piece in pieces] if all(len(piece) == 1 for piece in pieces) else []
         carrying = support.wrench_matrix * laws.carries(support.contacts).ravel()
         self._matrix, self._change = support.wrench_matrix, -np.linalg.pinv(carrying)
 
@@ -90,7 +90,10 @@ class _Neighbours:
         if not (self._pieces and len(others)):
             return moved, np.zeros(len(others), dtype=bool)
         low, high, radius, slope, along = np.array(
-            [(own.normal_min, own.normal_max, own.radius, own.slope, own.along) for own in self._pieces]
+            [
+                (piece.normal_min, piece.normal_max, piece.radius, piece.slope, piece.along)
+                for piece in self._pieces
+            ]
         ).T
         normal, size = moved[:, :, 0], np.linalg.norm(moved[:, :, 1:], axis=2)
         inside = (normal >= low) & (normal <= high) & (size <= radius + slope * normal)
@@ -108,7 +111,10 @@ def _moved(
         return np.zeros(len(wrenches), dtype=bool)
     d = support.dimension
     units = np.r_[np.ones(d), np.full(support.wrench_size - d, support.length)]
-    velocities, most = np.array([own for own, _ in proofs]), np.array([power for _, power in proofs])
+    velocities, most = (
+        np.array([velocity for velocity, _ in proofs]),
+        np.array([power for _, power in proofs]),
+    )
     size = np.max(np.abs(wrenches / units), axis=1)[:, None] * np.max(np.abs(velocities * units), axis=1)
     return np.any(wrenches @ velocities.T >= most + _CLEARLY * size, axis=1)
 

@@ -116,7 +116,7 @@ def on_springs(states: ContactStates) -> ContactStates:
     if elastic is None or not len(resting):
         return states
     shared = elastic.share(states.wrenches[resting])
-    return states.changed(resting[shared.found], {"contact_forces": shared.forces[shared.found]})
+    return states.changed(resting[shared.balanced], {"contact_forces": shared.forces[shared.balanced]})
 
 
 def _solve(support, wrenches, warm_start, start, search, threads) -> ContactStates:
@@ -231,47 +231,47 @@ def _search_unsolved(states: ContactStates) -> ContactStates:
     unsolved = np.flatnonzero(~states.solved)
     if len(unsolved) == 0:
         return states
-    found: dict[int, ContactStates] = {}
+    table: dict[int, ContactStates] = {}
     excluded = []
     for i in unsolved.tolist():
         result = mode_search.find_solution(states.support.system, states.wrenches[i])
         if result.status == mode_search.FOUND:
-            found[i] = solution_from_search(states.support, states.wrenches[i], result).states
+            table[i] = solution_from_search(states.support, states.wrenches[i], result).states
         elif result.status == mode_search.EXHAUSTED:
             excluded.append(i)
     states = states.changed(unsolved, {"attempts": -1})
     states = states.changed(np.array(excluded, dtype=int), {"status_codes": NO_SOLUTION})
-    if not found:
+    if not table:
         return states
     decided = [name for name in ARRAYS if name not in ("wrenches", "pivots")]
-    parts = {name: np.concatenate([getattr(one, name) for one in found.values()]) for name in decided}
-    return states.changed(np.array(list(found)), parts)
+    parts = {name: np.concatenate([getattr(one, name) for one in table.values()]) for name in decided}
+    return states.changed(np.array(list(table)), parts)
 
 
 def solution_from_search(
-    support: Support, wrench: np.ndarray, found: mode_search.SearchResult
+    support: Support, wrench: np.ndarray, search_result: mode_search.SearchResult
 ) -> ContactState:
     """Wrap a solution of `mode_search` as a state.
 
     Raises:
         ValueError: the search ended without one.
     """
-    if found.subsets is None or found.basic is None:
-        raise ValueError(f"solution: the search has none, it ended as {found.status!r}")
+    if search_result.subsets is None or search_result.basic is None:
+        raise ValueError(f"solution: the search has none, it ended as {search_result.status!r}")
     system, shape = support.system, (1, support.n_contacts, support.dimension)
-    columns = system.active_columns(found.subsets[None])[0]
-    forces = system.force_matrix[:, columns] @ found.basic + system.force_offset
-    accelerations = system.acceleration_matrix[:, columns] @ found.basic / support.mass
+    columns = system.active_columns(search_result.subsets[None])[0]
+    forces = system.force_matrix[:, columns] @ search_result.basic + system.force_offset
+    accelerations = system.acceleration_matrix[:, columns] @ search_result.basic / support.mass
     return ContactStates(
         support=support,
         wrenches=wrench[None],
         solved=np.array([True]),
         status_codes=np.array([pivoting.SOLVED]),
-        subsets=found.subsets[None],
-        basic=found.basic[None],
+        subsets=search_result.subsets[None],
+        basic=search_result.basic[None],
         pivots=np.array([0]),
         attempts=np.array([-1]),
-        residual=np.array([found.residual]),
+        residual=np.array([search_result.residual]),
         contact_forces=forces.reshape(shape),
         contact_accelerations=accelerations.reshape(shape),
     )[0]

@@ -214,7 +214,7 @@ class ContactStates:
         resting = np.flatnonzero(self.persistent) if elastic else ()
         if elastic and len(resting):
             shared = elastic.share(self.wrenches[resting])
-            maps[resting[shared.found]] = shared.maps[shared.found]
+            maps[resting[shared.balanced]] = shared.maps[shared.balanced]
         return maps
 
     @cached_property

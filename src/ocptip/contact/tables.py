@@ -47,28 +47,31 @@ def unpacked(integers, floats):
     """What the compiled functions take of a system, as views of the two arrays, see `pivoting`."""
     n, m, columns, places = integers[0], integers[1], integers[2], integers[3]
     largest, starts, free, d = integers[4], integers[5], integers[6], integers[7]
-    at = 10
-    first_column, at = integers[at : at + n], at + n
-    row_start, at = integers[at : at + n + 1], at + n + 1
-    subset_start, at = integers[at : at + n], at + n
-    start_count, at = integers[at : at + n], at + n
-    start_first, at = integers[at : at + n], at + n
-    start_subset, at = integers[at : at + starts], at + starts
-    subsets, at = integers[at : at + places], at + places
-    successor, at = integers[at : at + places], at + places
-    entering, at = integers[at : at + places], at + places
-    lifts, at = integers[at : at + columns], at + columns
-    extent = integers[at : at + 2 * columns].reshape((columns, 2))
+    index = 10
+    first_column, index = integers[index : index + n], index + n
+    row_start, index = integers[index : index + n + 1], index + n + 1
+    subset_start, index = integers[index : index + n], index + n
+    start_count, index = integers[index : index + n], index + n
+    start_first, index = integers[index : index + n], index + n
+    start_subset, index = integers[index : index + starts], index + starts
+    subsets, index = integers[index : index + places], index + places
+    successor, index = integers[index : index + places], index + places
+    entering, index = integers[index : index + places], index + places
+    lifts, index = integers[index : index + columns], index + columns
+    extent = integers[index : index + 2 * columns].reshape((columns, 2))
 
-    at, size = 0, columns * m
-    matrix, at = floats[at : at + size].reshape((columns, m)), at + size
-    check_matrix, at = floats[at : at + size].reshape((columns, m)), at + size
+    index, size = 0, columns * m
+    matrix, index = floats[index : index + size].reshape((columns, m)), index + size
+    check_matrix, index = floats[index : index + size].reshape((columns, m)), index + size
     size = largest * largest * starts
-    start_inverse, at = floats[at : at + size].reshape((largest, largest, starts)), at + size
-    gauge, at = floats[at : at + m * free].reshape((m, free)), at + m * free
-    force_columns, at = floats[at : at + columns * d].reshape((columns, d)), at + columns * d
-    acceleration_columns, at = floats[at : at + columns * d].reshape((columns, d)), at + columns * d
-    force_offset = floats[at : at + n * d].reshape((n, d))
+    start_inverse, index = floats[index : index + size].reshape((largest, largest, starts)), index + size
+    gauge, index = floats[index : index + m * free].reshape((m, free)), index + m * free
+    force_columns, index = floats[index : index + columns * d].reshape((columns, d)), index + columns * d
+    acceleration_columns, index = (
+        floats[index : index + columns * d].reshape((columns, d)),
+        index + columns * d,
+    )
+    force_offset = floats[index : index + n * d].reshape((n, d))
     return (
         matrix, extent, first_column, row_start, subsets, subset_start, successor, entering,
         start_count, start_first, start_subset, start_inverse, integers[9] != 0, lifts, gauge,
@@ -80,12 +83,12 @@ def unpacked(integers, floats):
 def right_hand_sides(integers, floats, wrench):
     """Right-hand side (m,), that of the original system, and the hints of one wrench, see `pivoting`."""
     m, w = integers[1], integers[8]
-    at = floats.shape[0] - 2 * m * (w + 1)
-    rhs, plain, hint = floats[at : at + m].copy(), floats[at + m : at + 2 * m].copy(), np.zeros(m)
-    at += 2 * m
+    index = floats.shape[0] - 2 * m * (w + 1)
+    rhs, plain, hint = floats[index : index + m].copy(), floats[index + m : index + 2 * m].copy(), np.zeros(m)
+    index += 2 * m
     for j in range(w):
         for i in range(m):
-            rhs[i] += floats[at + j * m + i] * wrench[j]
-            plain[i] += floats[at + j * m + i] * wrench[j]
-            hint[i] += floats[at + (w + j) * m + i] * wrench[j]
+            rhs[i] += floats[index + j * m + i] * wrench[j]
+            plain[i] += floats[index + j * m + i] * wrench[j]
+            hint[i] += floats[index + (w + j) * m + i] * wrench[j]
     return rhs, plain, hint

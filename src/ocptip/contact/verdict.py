@@ -152,30 +152,30 @@ def stability(support: Support, wrench: ArrayLike, *, max_nodes: int = 5000) -> 
     if not cone.stands:
         return verdict("none", "No admissible contact forces balance the load: the base moves.")
     if ordinary:
-        found = _motion_on_cones(scaled, wrench, state, max_nodes)
+        motion_search = _motion_on_cones(scaled, wrench, state, max_nodes)
     else:
-        found = _motion_on_pyramids(scaled, wrench, state, max_nodes)
-    if found.status == mode_search.EXHAUSTED:
-        return verdict("strong", "Every solution of the contact laws stands.", nodes=found.programs)
-    if found.status == mode_search.LIMIT:
-        why = f"is beyond the numerical resolution ({found.programs} programs)"
-        if found.programs >= max_nodes or found.resolution:
-            why = f"was not decided within {found.programs} programs"
-        if found.resolution:
-            why += f" (directions of motion resolved to {np.degrees(found.resolution):.2g} degrees)"
+        motion_search = _motion_on_pyramids(scaled, wrench, state, max_nodes)
+    if motion_search.status == mode_search.EXHAUSTED:
+        return verdict("strong", "Every solution of the contact laws stands.", nodes=motion_search.programs)
+    if motion_search.status == mode_search.LIMIT:
+        why = f"is beyond the numerical resolution ({motion_search.programs} programs)"
+        if motion_search.programs >= max_nodes or motion_search.resolution:
+            why = f"was not decided within {motion_search.programs} programs"
+        if motion_search.resolution:
+            why += f" (directions of motion resolved to {np.degrees(motion_search.resolution):.2g} degrees)"
         return verdict(
             "weak",
             f"A standing solution exists; whether a moving one does {why}.",
             decided=False,
-            nodes=found.programs,
+            nodes=motion_search.programs,
         )
-    modes = ", ".join(found.state.modes) if found.state else ""
+    modes = ", ".join(motion_search.state.modes) if motion_search.state else ""
     return verdict(
         "weak",
         "The contact laws have a solution that stands and one that moves "
         f"({modes}): rigid-body mechanics does not decide which one happens.",
-        counterexample=found.state,
-        nodes=found.programs,
+        counterexample=motion_search.state,
+        nodes=motion_search.programs,
     )
 
 

@@ -91,14 +91,14 @@ class IndexMaps(Record):
             "inside": float(self.inside.mean()),
             "size": self.size,
             "singularity_surface_inside": self.crosses,
-            "indices": {name: self._extremes(own) for name, own in self.maps.items()},
+            "indices": {name: self._extremes(index_map) for name, index_map in self.maps.items()},
         }
 
-    def _extremes(self, own: np.ndarray) -> dict[str, object]:
-        known = own[np.isfinite(own)]
+    def _extremes(self, values: np.ndarray) -> dict[str, object]:
+        known = values[np.isfinite(values)]
         if not known.size:
             return {"minimum": None, "mean": None, "maximum": None, "best_at": None}
-        best = np.unravel_index(np.argmax(np.where(np.isfinite(own), own, -np.inf)), own.shape)
+        best = np.unravel_index(np.argmax(np.where(np.isfinite(values), values, -np.inf)), values.shape)
         return {
             "minimum": float(known.min()),
             "mean": float(known.mean()),
@@ -178,8 +178,8 @@ def _of_arm(
     q = finite_array("pose", pose, (model.n,))
     wanted = chosen_indices(names, USUAL_OF_ARMS, [name for name in ARM_INDICES if name != "sigma"])
     position, rotation = gripper_pose(model, q)
-    at = np.concatenate([position, np.zeros(3)])
-    middles, poses, width = grid_of_poses(POSE_COORDINATES, at, ranges, cells)
+    central_pose = np.concatenate([position, np.zeros(3)])
+    middles, poses, width = grid_of_poses(POSE_COORDINATES, central_pose, ranges, cells)
     shape = tuple(map(len, middles))
     solutions = np.zeros(len(poses), dtype=int)
     maps = {name: np.full(len(poses), np.nan) for name in wanted}
@@ -199,9 +199,9 @@ def _of_arm(
         model.name,
         tuple(ranges),
         middles,
-        at,
+        central_pose,
         solutions.reshape(shape),
-        {name: own.reshape(shape) for name, own in maps.items()},
+        {name: index_map.reshape(shape) for name, index_map in maps.items()},
         {name: ARM[name] for name in wanted},
         np.full(shape, np.nan),
         float(np.count_nonzero(solutions) * width),
@@ -222,9 +222,9 @@ def joint_solutions(
         Number (k,) of the pose and joint angles (k, n), rad, of each solution.
     """
     if closed_form_family(model) is not None:
-        found = branches_within_limits(model, positions, rotations)
-        exists = np.isfinite(found).all(axis=2)
-        return np.nonzero(exists)[0], found[exists]
+        result = branches_within_limits(model, positions, rotations)
+        exists = np.isfinite(result).all(axis=2)
+        return np.nonzero(exists)[0], result[exists]
     numbers, solutions = [], []
     for k, (position, rotation) in enumerate(zip(positions, rotations, strict=True)):
         try:
@@ -283,8 +283,8 @@ def _of_platform(
 ) -> IndexMaps:
     ellipsoid = file.ellipsoid if ellipsoid is None else ellipsoid
     wanted = platform_indices(names, ellipsoid)
-    at = np.concatenate([file.position, np.zeros(3)])
-    middles, poses, width = grid_of_poses(POSE_COORDINATES, at, ranges, cells)
+    central_pose = np.concatenate([file.position, np.zeros(3)])
+    middles, poses, width = grid_of_poses(POSE_COORDINATES, central_pose, ranges, cells)
     shape = tuple(map(len, middles))
     turns = Rotation.from_rotvec(poses[:, 3:]).as_matrix() @ file.rotation
     maps = {name: np.full(len(poses), np.nan) for name in wanted}
@@ -301,9 +301,9 @@ def _of_platform(
         file.platform.name,
         tuple(ranges),
         middles,
-        at,
+        central_pose,
         exists.astype(int).reshape(shape),
-        {name: own.reshape(shape) for name, own in maps.items()},
+        {name: index_map.reshape(shape) for name, index_map in maps.items()},
         {name: PLATFORM[name] for name in wanted},
         signed.reshape(shape),
         float(exists.sum() * width),

@@ -58,18 +58,18 @@ def planar_motion(places: np.ndarray, directions: np.ndarray, shifts: np.ndarray
     Returns:
         (N, 3): x, y, m, and angle, rad: of the two angles that three shifts allow the smaller one (6.16).
     """
-    found = np.zeros((len(shifts), 3))
+    values = np.zeros((len(shifts), 3))
     for _ in range(6):
-        c, s = np.cos(found[:, 2:]), np.sin(found[:, 2:])
+        c, s = np.cos(values[:, 2:]), np.sin(values[:, 2:])
         turned = np.stack([c * places[:, 0] - s * places[:, 1], s * places[:, 0] + c * places[:, 1]], axis=-1)
         slopes = np.stack([-turned[..., 1], turned[..., 0]], axis=-1)
-        left = shifts - np.sum((found[:, None, :2] + turned - places) * directions, axis=-1)
+        left = shifts - np.sum((values[:, None, :2] + turned - places) * directions, axis=-1)
         J = np.concatenate(
             [np.broadcast_to(directions, turned.shape), np.sum(slopes * directions, axis=-1)[..., None]],
             axis=-1,
         )
-        found += np.einsum("nij,nj->ni", np.linalg.pinv(J), left)
-    return found
+        values += np.einsum("nij,nj->ni", np.linalg.pinv(J), left)
+    return values
 
 
 def base_motion(
@@ -86,10 +86,10 @@ def base_motion(
         begin, end: of the motion, s.
         level: probability of finding a change where there is none.
     """
-    found = _coordinates(recording, contacts)
-    if found is None:
+    result = _coordinates(recording, contacts)
+    if result is None:
         return None
-    names, values = found
+    names, values = result
     good = np.isfinite(values).all(axis=1)
     first = (recording.times < begin) & good
     last = (recording.times > end) & good
@@ -127,9 +127,9 @@ def _coordinates(recording: Recording, contacts: np.ndarray) -> tuple[tuple[str,
     directions = np.eye(2)[[one.index % 2 for one in shifts]]
     values = np.stack([one.values for one in shifts], axis=1)
     good = np.isfinite(values).all(axis=1)
-    found = np.full((len(values), 3), np.nan)
-    found[good] = planar_motion(places, directions, values[good])
-    return ("x", "y", "yaw"), found
+    scalars = np.full((len(values), 3), np.nan)
+    scalars[good] = planar_motion(places, directions, values[good])
+    return ("x", "y", "yaw"), scalars
 
 
 def _slides(names: tuple[str, ...], moved: np.ndarray, contacts: np.ndarray) -> np.ndarray:

@@ -107,7 +107,7 @@ class Bodies:
             "source": self.source,
             "residuals": dict(self.estimate.residuals),
             "delays_s": dict(self.estimate.delays),
-            "low_pass": {kind: vars(own) for kind, own in self.estimate.low_passes.items()},
+            "low_pass": {kind: vars(low_pass) for kind, low_pass in self.estimate.low_passes.items()},
         }
 
 
@@ -172,21 +172,21 @@ def identify_bodies(
         kind: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         loads = project(regressors(bare, robot.support.gravity, q, qd, qdd)[1])
-        own = np.concatenate([loads[:, :, places[name]] @ local[name] for name in names], axis=2)
+        columns = np.concatenate([loads[:, :, places[name]] @ local[name] for name in names], axis=2)
         pushed = project(process_loads(robot, q, process)[1])[:, :, 0]
-        return (loads @ fixed + pushed).T, own.transpose(1, 0, 2)
+        return (loads @ fixed + pushed).T, columns.transpose(1, 0, 2)
 
     ran = Ran(recording, predictor)
     start = np.concatenate([first[name] for name in names])
     searched = {} if bandwidth == np.inf else {source: bandwidth}
     zeros = [source] if tared else []
-    found = estimate(ran, {source: measured}, model, start, free_zeros=zeros, bandwidths=searched)
+    result = estimate(ran, {source: measured}, model, start, free_zeros=zeros, bandwidths=searched)
     offset, bodies = 0, []
     for name in names:
         centre = held.center_of_mass if name == PAYLOAD else np.asarray(rest.center_of_mass)
-        bodies.append(_body(name, centre, found, offset))
+        bodies.append(_body(name, centre, result, offset))
         offset += len(first[name])
-    return Bodies(tuple(bodies), found, source)
+    return Bodies(tuple(bodies), result, source)
 
 
 def _source(recording: Recording, predictor: Predictor) -> tuple[str, np.ndarray, Any]:
@@ -233,27 +233,27 @@ def _source(recording: Recording, predictor: Predictor) -> tuple[str, np.ndarray
     return FOOT, basis.T @ np.array([one.values for one in feet]), project
 
 
-def _body(name: str, described: np.ndarray, found: Estimate, offset: int) -> IdentifiedBody:
+def _body(name: str, described: np.ndarray, result: Estimate, offset: int) -> IdentifiedBody:
     """From mass and first moments about the described centre."""
-    own = slice(offset, offset + 4)
-    mass, moment = float(found.values[offset]), found.values[offset + 1 : offset + 4]
+    block = slice(offset, offset + 4)
+    mass, moment = float(result.values[offset]), result.values[offset + 1 : offset + 4]
     if not mass > 0:
-        raise InputError(f"{name}: {mass:.3g} +- {found.half[offset]:.2g} kg; nothing is seen of it")
+        raise InputError(f"{name}: {mass:.3g} +- {result.half[offset]:.2g} kg; nothing is seen of it")
     slopes = np.eye(4)
     slopes[1:, 0], slopes[1:, 1:] = -moment / mass**2, np.eye(3) / mass
     seen, quantile = (
-        found.seen[own],
-        float(np.max(found.half[own][found.seen[own]] / found.errors[own][found.seen[own]])),
+        result.seen[block],
+        float(np.max(result.half[block][result.seen[block]] / result.errors[block][result.seen[block]])),
     )
     moment = np.where(seen[1:], moment, 0.0)
-    covariance = slopes @ found.covariance[own, own] @ slopes.T
+    covariance = slopes @ result.covariance[block, block] @ slopes.T
     return IdentifiedBody(name, mass, described + moment / mass, covariance, seen, quantile)
 
 
 def tables(bodies: Bodies, sigmas: float) -> dict[str, Mapping[str, Any]]:
     """Tables of a task file: what was identified, and `[tolerance]`."""
-    found: dict[str, Any] = {body.name: body.to_table() for body in bodies.bodies}
+    table: dict[str, Any] = {body.name: body.to_table() for body in bodies.bodies}
     limits: dict[str, Any] = {}
     for body in bodies.bodies:
         limits |= body.tolerance(sigmas)
-    return {**found, "tolerance": limits}
+    return {**table, "tolerance": limits}

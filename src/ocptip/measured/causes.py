@@ -37,19 +37,19 @@ class Possible:
 def of_motion(predictor: Predictor, signals: Sequence[Signal]) -> list[Possible]:
     """Possible causes that angles, or speeds, and the gripper may show."""
     robot = predictor.robot
-    found = [Possible("clock", "clock", "ms", 1e3)]
-    found += [Possible("delay", f"delay of {name}", "ms", 1e3) for name in robot.names]
+    results = [Possible("clock", "clock", "ms", 1e3)]
+    results += [Possible("delay", f"delay of {name}", "ms", 1e3) for name in robot.names]
     scales = [("mdeg/Nm", 180e3 / np.pi) if unit == "rad" else ("mm/N", 1e3) for unit in robot.units]
     for where in ("", ", not seen by its encoder"):
-        found += [
+        results += [
             Possible("elasticity", f"elasticity of {name}{where}", *scale)
             for name, scale in zip(robot.names, scales, strict=True)
         ]
-    found += [Possible("elasticity", f"damping of {name}", "%", 100.0) for name in robot.names]
+    results += [Possible("elasticity", f"damping of {name}", "%", 100.0) for name in robot.names]
     for one in signals:
         unit = ("mm", 1e3) if one.kind == GRIPPER or robot.units[one.index] == "m" else ("deg", 180 / np.pi)
-        found.append(Possible("zero", f"{one.name} shifted", unit[0] + "/s" * (one.kind == SPEED), unit[1]))
-    return found
+        results.append(Possible("zero", f"{one.name} shifted", unit[0] + "/s" * (one.kind == SPEED), unit[1]))
+    return results
 
 
 def columns_of_motion(
@@ -66,19 +66,19 @@ def columns_of_motion(
     """
     one, n = signals[k], predictor.robot.n
     delays, seen, beyond, damping = joint_columns(n)
-    found = np.zeros((len(state.q), 1 + 4 * n + len(signals)))
+    values = np.zeros((len(state.q), 1 + 4 * n + len(signals)))
     if one.kind == GRIPPER:
         J = predictor.gripper(state.q)[1][:, one.index]
         late = -J * state.qd
-        bends, rates = (np.einsum("ni,nij->nj", J, own) for own in (bent, damped))
-        found[:, beyond] = bends
+        bends, rates = (np.einsum("ni,nij->nj", J, part) for part in (bent, damped))
+        values[:, beyond] = bends
     else:
         late = -(state.qd if one.kind == ANGLE else state.qdd) * (np.arange(n) == one.index)
-        bends, rates = ((one.kind == ANGLE) * own[:, one.index] for own in (bent, damped))
-    found[:, CLOCK] = late.sum(axis=1)
-    found[:, delays], found[:, seen], found[:, damping] = late, bends, rates
-    found[:, 1 + 4 * n + k] = 1.0
-    return found
+        bends, rates = ((one.kind == ANGLE) * part[:, one.index] for part in (bent, damped))
+    values[:, CLOCK] = late.sum(axis=1)
+    values[:, delays], values[:, seen], values[:, damping] = late, bends, rates
+    values[:, 1 + 4 * n + k] = 1.0
+    return values
 
 
 def joint_columns(n: int) -> np.ndarray:
@@ -89,25 +89,25 @@ def joint_columns(n: int) -> np.ndarray:
 def of_loads(predictor: Predictor, signals: Sequence[Signal]) -> list[Possible]:
     """Possible causes that torques, force-torque sensor and power may show."""
     robot, links = predictor.robot, range(1, predictor.robot.arm.links + 1)
-    found = [Possible("clock", "clock", "ms", 1e3)]
-    found += [Possible("mass", f"mass of link {k}", "%", 100.0) for k in links]
-    found += [
+    results = [Possible("clock", "clock", "ms", 1e3)]
+    results += [Possible("mass", f"mass of link {k}", "%", 100.0) for k in links]
+    results += [
         Possible("centre of mass", f"centre of mass of link {k}, {x}", "mm", 1e3)
         for k in links
         for x in "xyz"
     ]
-    found.append(Possible("mass", "mass at the TCP", "kg"))
+    results.append(Possible("mass", "mass at the TCP", "kg"))
     for word in ("Coulomb", "viscous"):
         for name, unit, rate in zip(robot.names, robot.motor_units, robot.units, strict=True):
             per = f" s/{rate}" if word == "viscous" else ""
-            found.append(Possible("friction", f"{word} friction of {name}", f"{unit}{per}"))
-    found += [
+            results.append(Possible("friction", f"{word} friction of {name}", f"{unit}{per}"))
+    results += [
         Possible("losses", f"friction of {name} in its power", unit)
         for name, unit in zip(robot.names, robot.motor_units, strict=True)
     ]
-    found += [Possible("delay", f"delay of {name}", "ms", 1e3) for name in _LAGS.values()]
-    found += [Possible("zero", f"{one.name} shifted", _unit(predictor, one)) for one in signals]
-    return found
+    results += [Possible("delay", f"delay of {name}", "ms", 1e3) for name in _LAGS.values()]
+    results += [Possible("zero", f"{one.name} shifted", _unit(predictor, one)) for one in signals]
+    return results
 
 
 def _unit(predictor: Predictor, one: Signal) -> str:
@@ -138,26 +138,26 @@ def columns_of_loads(
     """(N, K) what each cause of `of_loads` changes in signal k; `later` (N,) is minus its slope over time."""
     one, n, links = signals[k], predictor.robot.n, predictor.robot.arm.links
     first = 2 + 4 * links  # of the frictions
-    found = np.zeros((len(state.q), first + 3 * n + len(_LAGS) + len(signals)))
+    values = np.zeros((len(state.q), first + 3 * n + len(_LAGS) + len(signals)))
     turning = np.sign(state.drives)
     if one.kind == TORQUE:
-        found[:, mass_columns(predictor)] = state.slopes[:, one.index]
-        found[:, first + one.index] = turning[:, one.index]
-        found[:, first + n + one.index] = state.drives[:, one.index]
+        values[:, mass_columns(predictor)] = state.slopes[:, one.index]
+        values[:, first + one.index] = turning[:, one.index]
+        values[:, first + n + one.index] = state.drives[:, one.index]
     elif one.kind == WRENCH:
-        found[:, mass_columns(predictor)] = state.slopes[:, n + one.index]
+        values[:, mass_columns(predictor)] = state.slopes[:, n + one.index]
     else:
         drives = np.arange(n) if one.index == 0 else np.array([one.index - 1])
         slopes = predictor.power_slopes(state)[:, drives]
-        found[:, mass_columns(predictor)] = np.einsum("nj,njk->nk", slopes, state.slopes[:, drives])
-        found[:, first + 2 * n + drives] = slopes * turning[:, drives]
+        values[:, mass_columns(predictor)] = np.einsum("nj,njk->nk", slopes, state.slopes[:, drives])
+        values[:, first + 2 * n + drives] = slopes * turning[:, drives]
         measured = np.array([s.index for s in signals if s.kind == TORQUE], dtype=int)
         rubs = np.isin(drives, measured)  # what torques show is what drives deliver
-        found[:, first + drives[rubs]] = (slopes * turning[:, drives])[:, rubs]
-        found[:, first + n + drives[rubs]] = (slopes * state.drives[:, drives])[:, rubs]
-    found[:, CLOCK] = found[:, lag_column(predictor, one.kind)] = later
-    found[:, first + 3 * n + len(_LAGS) + k] = 1.0
-    return found
+        values[:, first + drives[rubs]] = (slopes * turning[:, drives])[:, rubs]
+        values[:, first + n + drives[rubs]] = (slopes * state.drives[:, drives])[:, rubs]
+    values[:, CLOCK] = values[:, lag_column(predictor, one.kind)] = later
+    values[:, first + 3 * n + len(_LAGS) + k] = 1.0
+    return values
 
 
 def moving(signals: Sequence[Signal]) -> list[Signal]:
@@ -217,7 +217,7 @@ class Swinging:
             before = x.copy()
             for k in range(len(springs)):
                 tried = [x + np.log(factor) * (np.arange(len(x)) == k) for factor in _FACTORS]
-                x = min([x, *tried], key=lambda at: float(np.sum(left(at) ** 2)))
+                x = min([x, *tried], key=lambda values: float(np.sum(left(values) ** 2)))
             if np.array_equal(x, before):
                 break
         low = np.concatenate([x[: len(springs)] - 1.0, np.full(len(springs), 0.5 * _DAMPING[0])])
@@ -250,8 +250,8 @@ class Swinging:
             columns.append(others[kept] / noise)
         target, free = np.concatenate(targets), np.vstack(columns)
         size = np.linalg.norm(free, axis=0)
-        own = np.linalg.svd(free[:, size > 0] / size[size > 0], full_matrices=False)
-        basis = own[0][:, own[1] > 1e-8]
+        singular = np.linalg.svd(free[:, size > 0] / size[size > 0], full_matrices=False)
+        basis = singular[0][:, singular[1] > 1e-8]
 
         def left(x: np.ndarray) -> np.ndarray:
             now = self._with(elastic, springs, x)

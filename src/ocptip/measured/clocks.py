@@ -36,8 +36,8 @@ def find_clock(recording: Recording, predictor: Predictor) -> tuple[float, Mappi
     dt, T = recording.period, recording.times[-1] - recording.times[0]
     grid = recording.times[0] + dt * np.arange(int(np.floor(T / dt)) + 1)
     N, M = len(grid), int(np.ceil(predictor.motion.end / dt))
-    own = dt / _FINER * (np.arange(-N * _FINER, (N + M) * _FINER + 1) + 0.5)  # no event is just there
-    state = predictor.state(own, np.zeros(predictor.robot.n), np.zeros(4 * predictor.robot.arm.links + 1))
+    local = dt / _FINER * (np.arange(-N * _FINER, (N + M) * _FINER + 1) + 0.5)  # no event is just there
+    state = predictor.state(local, np.zeros(predictor.robot.n), np.zeros(4 * predictor.robot.arm.links + 1))
     scores, seen = np.zeros(N + M + 2), {}
     for kind in FOLLOWING:
         for one in recording.of(kind):
@@ -52,7 +52,7 @@ def find_clock(recording: Recording, predictor: Predictor) -> tuple[float, Mappi
     # the sequence begins N samples before the motion: at place m its begin is at sample N - m
     begin = recording.times[0] + dt * (N - 0.5 / _FINER - _top(scores))
     single = {
-        name: _refined(recording, own, fine, y, begin, predictor.jumps) for name, (y, fine) in seen.items()
+        name: _refined(recording, local, fine, y, begin, predictor.jumps) for name, (y, fine) in seen.items()
     }
     return float(begin), single
 
@@ -71,12 +71,12 @@ def correlations(values: np.ndarray, long: np.ndarray) -> np.ndarray:
 
 def _top(scores: np.ndarray) -> float:
     """Place of the maximum, between the samples by a parabola."""
-    at = int(np.argmax(scores))
-    if not 0 < at < len(scores) - 1:
-        return float(at)
-    low, mid, high = scores[at - 1 : at + 2]
+    index = int(np.argmax(scores))
+    if not 0 < index < len(scores) - 1:
+        return float(index)
+    low, mid, high = scores[index - 1 : index + 2]
     curved = low - 2 * mid + high
-    return at + (0.5 * (low - high) / curved if curved < 0 else 0.0)
+    return index + (0.5 * (low - high) / curved if curved < 0 else 0.0)
 
 
 def distance(times: np.ndarray, events: np.ndarray) -> np.ndarray:
@@ -87,31 +87,40 @@ def distance(times: np.ndarray, events: np.ndarray) -> np.ndarray:
 
 
 def _refined(
-    recording: Recording, own: np.ndarray, fine: np.ndarray, y: np.ndarray, begin: float, events: np.ndarray
+    recording: Recording,
+    fine_times: np.ndarray,
+    fine: np.ndarray,
+    y: np.ndarray,
+    begin: float,
+    events: np.ndarray,
 ) -> float:
     """Begin of the motion by one signal, s: least squares in begin, size and offset, from a first begin.
 
     Without samples next to switching times, where loads have steps; nan if the others do not fix it within a
     sample.
     """
-    slope, first, step, error = np.gradient(fine, own), begin, recording.period, np.inf
+    slope, first, step, error = np.gradient(fine, fine_times), begin, recording.period, np.inf
     for _ in range(_ROUNDS):
         good = np.isfinite(y) & (distance(recording.times - begin, events) > AROUND * step)
         times, values = recording.times[good], y[good]
         if len(times) < 10:
             return float("nan")
-        p, dp = (np.interp(times - begin, own, curve) for curve in (fine, slope))
+        p, dp = (np.interp(times - begin, fine_times, curve) for curve in (fine, slope))
         X = np.column_stack([np.ones_like(p), p, dp])
         size = np.maximum(np.linalg.norm(X, axis=0), 1e-300)
         X = X / size
-        found, _, rank, _ = np.linalg.lstsq(X, values, rcond=1e-10)
-        noise = np.sqrt(np.sum((values - X @ found) ** 2) / (len(times) - 3))
-        found = found / size
-        if rank < 3 or not found[1]:
+        result, _, rank, _ = np.linalg.lstsq(X, values, rcond=1e-10)
+        noise = np.sqrt(np.sum((values - X @ result) ** 2) / (len(times) - 3))
+        result = result / size
+        if rank < 3 or not result[1]:
             return float("nan")
-        error = noise * np.sqrt(np.linalg.inv(X.T @ X)[2, 2]) / size[2] / abs(found[1])
-        change = float(np.clip(-found[2] / found[1], -4 * step, 4 * step))
+        error = noise * np.sqrt(np.linalg.inv(X.T @ X)[2, 2]) / size[2] / abs(result[1])
+        change = float(np.clip(-result[2] / result[1], -4 * step, 4 * step))
         begin += change
         if abs(change) < 1e-3 * step:
             break
-    return begin if error < step and abs(begin - first) < 0.5 * (own[-1] - own[0]) else float("nan")
+    return (
+        begin
+        if error < step and abs(begin - first) < 0.5 * (fine_times[-1] - fine_times[0])
+        else float("nan")
+    )

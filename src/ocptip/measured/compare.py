@@ -61,7 +61,7 @@ class _Comparing:
         begin, self.single = find_clock(recording, predictor)
         n, links = predictor.robot.n, predictor.robot.arm.links
         self.joint_columns = causes.joint_columns(n)
-        self.found = KnownRobot(
+        self.known = KnownRobot(
             0.0 if same_clock else begin, np.inf, np.zeros(n), Elasticity.none(n),
             np.zeros(2 + 4 * links + 3 * n + 3), np.zeros(0), np.zeros(0),
         )  # fmt: skip
@@ -70,7 +70,7 @@ class _Comparing:
 
     def _nominal(self) -> State:
         n, links = self.predictor.robot.n, self.predictor.robot.arm.links
-        times = self.recording.times - self.found.clock
+        times = self.recording.times - self.known.clock
         return self.predictor.state(times, np.zeros(n), np.zeros(4 * links + 1))
 
     def _check_signals(self) -> None:
@@ -98,7 +98,7 @@ class _Comparing:
         predicted = self.predictor.signal(one.kind, one.index, self.nominal)
         if not np.isfinite(self.single.get(one.name, np.nan)):
             return predicted
-        lag = self.single[one.name] - self.found.clock
+        lag = self.single[one.name] - self.known.clock
         return np.interp(self.recording.times - lag, self.recording.times, predicted)
 
     def usable(self, signals: Sequence[Signal]) -> list[Signal]:
@@ -110,7 +110,7 @@ class _Comparing:
         before = list(self.findings)
         self.explain_motion()
         self.explain_loads()
-        if (self.found.elastic.bends > 0).any():
+        if (self.known.elastic.bends > 0).any():
             self.findings = before
             self.explain_motion()
             self.explain_loads()
@@ -127,28 +127,28 @@ class _Comparing:
         if not signals:
             return
         possible = causes.of_motion(self.predictor, signals)
-        found, (late, _, _, damping) = self.found, self.joint_columns
-        theta = found.motion if len(found.motion) else np.zeros(len(possible))
+        result, (late, _, _, damping) = self.known, self.joint_columns
+        theta = result.motion if len(result.motion) else np.zeros(len(possible))
         explained, blocks, tuned, first = None, [], set[int](), 1 + self.taken
         for turn in range(_MOST_ROUNDS):
             before = theta
             inside = np.zeros(len(possible))
-            inside[late] = found.delays
-            inside[CLOCK] = found.clock if self.same_clock else 0.0
-            springs = np.flatnonzero(found.elastic.bends > 0)
+            inside[late] = result.delays
+            inside[CLOCK] = result.clock if self.same_clock else 0.0
+            springs = np.flatnonzero(result.elastic.bends > 0)
             damped = damping[springs].tolist()
-            inside[self._bent_columns()[springs]] = found.elastic.bends[springs]
-            inside[damped] = found.elastic.damping[springs]
+            inside[self._bent_columns()[springs]] = result.elastic.bends[springs]
+            inside[damped] = result.elastic.damping[springs]
             blocks = self._motion_blocks(signals, inside)
             always = damped if self.same_clock else [CLOCK, *damped]
             white = [whitened(block) for block in blocks]
             explained = explain(white, self.level, always=always, most=first + turn)
             theta = explained.values
-            found.clock = theta[CLOCK] if self.same_clock else found.clock + theta[CLOCK]
-            found.delays = theta[late]
-            found.elastic = self._springs(theta)
+            result.clock = theta[CLOCK] if self.same_clock else result.clock + theta[CLOCK]
+            result.delays = theta[late]
+            result.elastic = self._springs(theta)
             chosen = {cause.index for cause in explained.causes}
-            swings = (found.elastic.bends > 0).any()
+            swings = (result.elastic.bends > 0).any()
             if swings and chosen != tuned:
                 theta, tuned = self._tuned(signals, blocks, theta, chosen), chosen
             near = np.abs(theta - before)[1:] <= _NEAR * np.where(theta[1:] != 0, explained.errors[1:], 0.0)
@@ -157,23 +157,23 @@ class _Comparing:
                 break
         assert explained is not None
         self.taken = len(explained.causes)
-        found.error, found.motion, found.errors = float(explained.errors[CLOCK]), theta, explained.errors
+        result.error, result.motion, result.errors = float(explained.errors[CLOCK]), theta, explained.errors
         self._note("motion", signals, possible, blocks, explained)
 
     def _tuned(
         self, signals: Sequence[Signal], blocks: Sequence[Block], theta: np.ndarray, chosen: set[int]
     ) -> np.ndarray:
         """Sizes of `causes.of_motion` with springs fitted from a distant start, which become the result."""
-        found, (_, *of_springs) = self.found, self.joint_columns
+        result, (_, *of_springs) = self.known, self.joint_columns
         others = chosen if self.same_clock else chosen | {CLOCK}
         free = sorted(others - set(np.ravel(of_springs).tolist()))
         columns, kept = [block.columns[:, free] for block in blocks], [block.kept for block in blocks]
-        times = self.recording.times - found.clock
-        swinging = Swinging(self.predictor, signals, kept, times, found.delays, self._changes(), columns)
-        found.elastic = swinging.fitted(found.elastic)
-        theta, springs = theta.copy(), np.flatnonzero(found.elastic.bends > 0)
-        theta[self._bent_columns()[springs]] = found.elastic.bends[springs]
-        theta[of_springs[-1][springs]] = found.elastic.damping[springs]
+        times = self.recording.times - result.clock
+        swinging = Swinging(self.predictor, signals, kept, times, result.delays, self._changes(), columns)
+        result.elastic = swinging.fitted(result.elastic)
+        theta, springs = theta.copy(), np.flatnonzero(result.elastic.bends > 0)
+        theta[self._bent_columns()[springs]] = result.elastic.bends[springs]
+        theta[of_springs[-1][springs]] = result.elastic.damping[springs]
         return theta
 
     def _springs(self, theta: np.ndarray) -> Elasticity:
@@ -185,38 +185,38 @@ class _Comparing:
     def _bent_columns(self, other: bool = False) -> np.ndarray:
         """(n,) of `causes.of_motion`: springs of joints as encoders see them; those of the other kind."""
         _, seen, beyond, _ = self.joint_columns
-        return np.where(self.found.elastic.seen != other, seen, beyond)
+        return np.where(self.known.elastic.seen != other, seen, beyond)
 
     def _motion_blocks(self, signals: Sequence[Signal], inside: np.ndarray) -> list[Block]:
         """Residuals of the motion, to which what the prediction holds already is added again."""
         state, blocks = self.state(), []
-        springs = self.found.elastic.bends != 0
+        springs = self.known.elastic.bends != 0
         bent, damped = self._bending(state)
         for k, one in enumerate(signals):
             columns = causes.columns_of_motion(self.predictor, signals, k, state, bent, damped)
             columns[:, self._bent_columns(other=True)[springs]] = 0.0  # one side of the encoder, not both
-            kept = self.kept[one.name] & self._away(self.found.clock, one.kind == SPEED)
+            kept = self.kept[one.name] & self._away(self.known.clock, one.kind == SPEED)
             values = one.values - self.predictor.signal(one.kind, one.index, state) + columns @ inside
             blocks.append(Block(values, columns, kept, resolution(one.values)))
         return blocks
 
     def _bending(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """(N, n, n) each: what bends and dampings of joints change in all joints."""
-        found, n = self.found, self.predictor.robot.n
-        times, changes = self.recording.times - found.clock, self._changes()
+        result, n = self.known, self.predictor.robot.n
+        times, changes = self.recording.times - result.clock, self._changes()
         bent = -state.torques[:, :, None] * np.eye(n)
         damped = np.zeros_like(bent)
-        springs = np.flatnonzero(found.elastic.bends > 0)
+        springs = np.flatnonzero(result.elastic.bends > 0)
         if not springs.size:
             return bent, damped
-        first = self.predictor.swing(times, found.delays, changes, found.elastic)[0]
+        first = self.predictor.swing(times, result.delays, changes, result.elastic)[0]
         for j in springs:
             for into, name in ((bent, "bends"), (damped, "damping")):
-                values = getattr(found.elastic, name).copy()
+                values = getattr(result.elastic, name).copy()
                 step = 1e-4 * values[j]
                 values[j] += step
-                other = replace(found.elastic, **{name: values})
-                into[:, :, j] = (self.predictor.swing(times, found.delays, changes, other)[0] - first) / step
+                other = replace(result.elastic, **{name: values})
+                into[:, :, j] = (self.predictor.swing(times, result.delays, changes, other)[0] - first) / step
         return bent, damped
 
     def _away(self, clock: float, wanted: bool = True) -> np.ndarray:
@@ -224,20 +224,20 @@ class _Comparing:
         times = self.recording.times
         if not wanted:
             return np.ones(len(times), dtype=bool)
-        events = clock + self.predictor.events(self.found.delays)
+        events = clock + self.predictor.events(self.known.delays)
         return distance(times, events) > AROUND * self.recording.period
 
     # --- the loads ----------------------------------------------------------------------------------------
 
     def state(self, lag: float = 0.0, shift: float = 0.0) -> State:
         """The robot with all causes in the result, as a delayed signal sees it."""
-        found, predictor = self.found, self.predictor
-        times = self.recording.times - found.clock - lag + shift
-        return predictor.state(times, found.delays, self._changes(), found.elastic)
+        result, predictor = self.known, self.predictor
+        times = self.recording.times - result.clock - lag + shift
+        return predictor.state(times, result.delays, self._changes(), result.elastic)
 
     def _changes(self) -> np.ndarray:
         """Masses and centres of mass, see `robots.dynamics.mass_sensitivities`."""
-        changes = self.found.loads[causes.mass_columns(self.predictor)].copy()
+        changes = self.known.loads[causes.mass_columns(self.predictor)].copy()
         links = self.predictor.robot.arm.links
         changes[:links] = np.maximum(changes[:links], _LIGHTEST)
         return changes
@@ -247,56 +247,58 @@ class _Comparing:
         signals = self.usable(causes.loaded(self.recording.signals))
         if not signals:
             return
-        predictor, found, first = self.predictor, self.found, self.found.clock
+        predictor, result, first = self.predictor, self.known, self.known.clock
         possible = causes.of_loads(predictor, signals)
         theta = np.zeros(len(possible))
         before = slice(causes.mass_columns(predictor).start, causes.friction_columns(predictor).stop)
-        theta[before] = found.loads[before]
+        theta[before] = result.loads[before]
         for kind in {one.kind for one in signals}:
-            own = [self.single[one.name] for one in signals if one.kind == kind and one.name in self.single]
-            if np.isfinite(own).any():
-                theta[causes.lag_column(predictor, kind)] = float(np.nanmedian(own)) - found.clock
+            values = [
+                self.single[one.name] for one in signals if one.kind == kind and one.name in self.single
+            ]
+            if np.isfinite(values).any():
+                theta[causes.lag_column(predictor, kind)] = float(np.nanmedian(values)) - result.clock
         loose = self._loose()
         K = len(possible)
-        prior, known = np.zeros(K + len(loose)), np.isfinite(found.error)
+        prior, known = np.zeros(K + len(loose)), np.isfinite(result.error)
         if known:
-            prior[CLOCK] = 1 / max(found.error, 1e-9) ** 2
+            prior[CLOCK] = 1 / max(result.error, 1e-9) ** 2
         prior[K:] = [1 / max(one.error, 1e-12) ** 2 for one in loose]
         always = [CLOCK] if known or not self.same_clock else []
         always += range(K, K + len(loose))
-        begun, off = (found.delays, found.elastic), np.zeros(len(loose))
+        begun, off = (result.delays, result.elastic), np.zeros(len(loose))
         explained, blocks = None, []
         for _ in range(_ROUNDS + bool(loose)):
             inside = np.concatenate([theta, off])
-            inside[CLOCK] = found.clock - first
+            inside[CLOCK] = result.clock - first
             blocks = self._load_blocks(signals, inside, loose)
             white = [whitened(block) for block in blocks]
             explained = explain(white, self.level, always=always, prior=prior)
             theta, off = explained.values[:K], explained.values[K:]
-            found.clock = first + theta[CLOCK]
-            found.loads = theta
-            found.delays, found.elastic = loosened(*begun, loose, off.tolist())
+            result.clock = first + theta[CLOCK]
+            result.loads = theta
+            result.delays, result.elastic = loosened(*begun, loose, off.tolist())
         assert explained is not None
-        if not np.isfinite(found.error):
-            found.error = float(explained.errors[CLOCK])
+        if not np.isfinite(result.error):
+            result.error = float(explained.errors[CLOCK])
         self._note("loads", signals, possible, blocks, explained)
 
     def _loose(self) -> list[Loose]:
         """Delays and springs that angles and gripper have shown: loads may correct them."""
-        found, (late, _, _, damping) = self.found, self.joint_columns
-        places = [(DELAY, j, late) for j in np.flatnonzero(found.delays).tolist()]
-        for j in np.flatnonzero(found.elastic.bends > 0).tolist():
+        result, (late, _, _, damping) = self.known, self.joint_columns
+        places = [(DELAY, j, late) for j in np.flatnonzero(result.delays).tolist()]
+        for j in np.flatnonzero(result.elastic.bends > 0).tolist():
             places += [(BEND, j, self._bent_columns()), (DAMP, j, damping)]
-        errors = [(kind, j, float(found.errors[columns[j]])) for kind, j, columns in places]
+        errors = [(kind, j, float(result.errors[columns[j]])) for kind, j, columns in places]
         return [Loose(*one) for one in errors if one[-1] > 0]
 
     def _either(self, lag: float, loose: Sequence[Loose]) -> list[tuple[float, State, State]]:
         """Per delay and spring a step, and the robot with half of it less and more, see `state`."""
-        found, times = self.found, self.recording.times - self.found.clock - lag
+        result, times = self.known, self.recording.times - self.known.clock - lag
         most, ends = {DELAY: _TINY * self.recording.period, BEND: 1e-7, DAMP: 1e-3}, []
         for one in loose:
             step = min(0.1 * one.error, most[one.kind])
-            given = [loosened(found.delays, found.elastic, [one], [sign * step]) for sign in (-0.5, 0.5)]
+            given = [loosened(result.delays, result.elastic, [one], [sign * step]) for sign in (-0.5, 0.5)]
             states = [
                 self.predictor.state(times, delays, self._changes(), elastic, slopes=False)
                 for delays, elastic in given
@@ -312,8 +314,8 @@ class _Comparing:
         masses, step = causes.mass_columns(predictor), _TINY * self.recording.period
         rubbing = causes.friction_columns(predictor)
         for kind in (TORQUE, WRENCH, POWER):
-            own = [k for k, one in enumerate(signals) if one.kind == kind]
-            if not own:
+            members = [k for k, one in enumerate(signals) if one.kind == kind]
+            if not members:
                 continue
             lag = inside[causes.lag_column(predictor, kind)]
             held = np.zeros(len(inside))
@@ -321,10 +323,10 @@ class _Comparing:
             held[len(held) - len(loose) :] = inside[len(held) - len(loose) :]
             held[causes.lag_column(predictor, kind)] = lag
             state, before, after = self._rubbing([self.state(lag, shift) for shift in (0.0, -step, step)])
-            away, either = self._away(self.found.clock + lag), self._either(lag, loose)
-            for k in own:
+            away, either = self._away(self.known.clock + lag), self._either(lag, loose)
+            for k in members:
                 one = signals[k]
-                ends = [predictor.signal(kind, one.index, at) for at in (before, after)]
+                ends = [predictor.signal(kind, one.index, instant) for instant in (before, after)]
                 later = -(ends[1] - ends[0]) / (2 * step)
                 columns = causes.columns_of_loads(predictor, signals, k, state, later)
                 columns = np.column_stack([columns, *self._slopes(kind, one.index, either)])
@@ -343,13 +345,13 @@ class _Comparing:
         self, kind: str, index: int, either: Sequence[tuple[float, State, State]]
     ) -> list[np.ndarray]:
         """(N,) each: of a signal over delays and springs."""
-        at = self.predictor.signal
-        return [(at(kind, index, more) - at(kind, index, less)) / step for step, less, more in either]
+        signal = self.predictor.signal
+        return [(signal(kind, index, more) - signal(kind, index, less)) / step for step, less, more in either]
 
     def _rubbing(self, states: Sequence[State]) -> list[State]:
         """These states with the estimated friction in torques; the first state's drives give its sign."""
         columns, drives = causes.friction_columns(self.predictor), states[0].drives
-        coulomb, viscous = np.split(self.found.loads[columns], 2)
+        coulomb, viscous = np.split(self.known.loads[columns], 2)
         friction = coulomb * np.sign(drives) + viscous * drives
         return [replace(state, torques=state.torques + friction) for state in states]
 
@@ -368,43 +370,43 @@ class _Comparing:
             self.left[one.name] = np.where(block.kept, left, np.nan)
         width = float(stats.t.isf(0.025, explained.freedom))
         for cause in explained.causes:
-            own = possible[cause.index]
+            named = possible[cause.index]
             if cause.index == CLOCK:
-                own = Possible("delay", "delay of all signals", own.unit, own.scale)
+                named = Possible("delay", "delay of all signals", named.unit, named.scale)
             self.findings.append(
                 Finding(
-                    own.kind, own.name, own.scale * cause.value, own.scale * width * cause.error, own.unit,
-                    cause.explained, tuple(possible[k].name for k in cause.rivals if k != CLOCK),
+                    named.kind, named.name, named.scale * cause.value, named.scale * width * cause.error,
+                    named.unit, cause.explained, tuple(possible[k].name for k in cause.rivals if k != CLOCK),
                 )
             )  # fmt: skip
 
     def result(self) -> Comparison:
         """All of it."""
-        recording, predictor, found = self.recording, self.predictor, self.found
+        recording, predictor, outcome = self.recording, self.predictor, self.known
         nominal = self.nominal = self._nominal()
-        times, compared = recording.times - found.clock, []
+        times, compared = recording.times - outcome.clock, []
         for one in recording.signals:
             if one.kind in FOLLOWING:
-                lag = self.single.get(one.name, np.nan) - found.clock
-                still = self._away(found.clock, one.kind in (SPEED, TORQUE, WRENCH, POWER))
+                lag = self.single.get(one.name, np.nan) - outcome.clock
+                still = self._away(outcome.clock, one.kind in (SPEED, TORQUE, WRENCH, POWER))
                 predicted = predictor.signal(one.kind, one.index, nominal)
                 compared.append(beside(one, predicted, times, lag, still, self.left.get(one.name)))
         noises = {one.name: one.noise for one in compared}
-        compared += foot_forces(recording, predictor, nominal, times, self._away(found.clock))
+        compared += foot_forces(recording, predictor, nominal, times, self._away(outcome.clock))
         groups = [[one.name for one in recording.of(kind)] for kind in _GROUPS]
         count = max(sum(len(group) for group in groups), 1)
         self.findings += noisy(noises, groups, self.level / count)
         contacts = np.array([contact.position for contact in predictor.robot.support.contacts])
-        self.findings += uncovered(recording, found.clock, found.clock + predictor.motion.end)
-        end = found.clock + predictor.motion.end + float(np.max(found.delays, initial=0.0))
-        moved = base_motion(recording, contacts, found.clock, end, self.level)
+        self.findings += uncovered(recording, outcome.clock, outcome.clock + predictor.motion.end)
+        end = outcome.clock + predictor.motion.end + float(np.max(outcome.delays, initial=0.0))
+        moved = base_motion(recording, contacts, outcome.clock, end, self.level)
         if moved is not None:
             self.findings += moved.findings
-        losses = tuple(one.after(found.clock) for one in recording.contact_losses)
+        losses = tuple(one.after(outcome.clock) for one in recording.contact_losses)
         self.findings += lost_contacts(losses)
         there = {one.kind for one in recording.signals}
         return Comparison(
-            times, found.clock, 1.96 * found.error, tuple(compared),
+            times, outcome.clock, 1.96 * outcome.error, tuple(compared),
             gripper_deviation(recording, predictor, nominal.q),
             energies(compared, times, predictor.motion.end),
             moved, losses, tuple(self.findings), tuple(kind for kind in KINDS if kind not in there),

@@ -147,12 +147,12 @@ def beside(
     steady = good & still
     good = steady if steady.any() else good
     size = np.where(good, np.abs(away), -1.0)
-    own = away if left is None else left
+    value = away if left is None else left
     return ComparedSignal(
         one.name, one.kind, one.index, one.values, predicted, lag,
         float(size.max()) if good.any() else float("nan"), float(times[np.argmax(size)]),
         float(np.sqrt(np.mean(away[good] ** 2))) if good.any() else float("nan"),
-        float(np.ptp(predicted)), noise_of(np.nan_to_num(own), steady & np.isfinite(own)),
+        float(np.ptp(predicted)), noise_of(np.nan_to_num(value), steady & np.isfinite(value)),
         float("nan") if left is None else float(np.sqrt(np.nanmean(left**2))),
     )  # fmt: skip
 
@@ -196,16 +196,16 @@ def gripper_deviation(recording: Recording, predictor: Predictor, q: np.ndarray)
     good = np.isfinite(shown).all(axis=1)
     if not good.any():
         return None
-    found = np.full(len(q), np.nan)
-    found[good] = np.linalg.norm(predictor.gripper(shown[good])[0] - planned[good], axis=1)
-    return found
+    scalars = np.full(len(q), np.nan)
+    scalars[good] = np.linalg.norm(predictor.gripper(shown[good])[0] - planned[good], axis=1)
+    return scalars
 
 
 def energies(compared: Sequence[ComparedSignal], times: np.ndarray, end: float) -> tuple[float, float] | None:
     """Measured and predicted, J, of a motion until its end, as far as it was recorded: trapezoidal rule."""
-    own = next((one for one in compared if one.kind == POWER and one.index == 0), None)
-    if own is None:
+    energy = next((one for one in compared if one.kind == POWER and one.index == 0), None)
+    if energy is None:
         return None
-    good = np.isfinite(own.measured) & (times >= 0) & (times <= end)
-    both = (own.measured[good], own.predicted[good])
+    good = np.isfinite(energy.measured) & (times >= 0) & (times <= end)
+    both = (energy.measured[good], energy.predicted[good])
     return float(np.trapezoid(both[0], times[good])), float(np.trapezoid(both[1], times[good]))

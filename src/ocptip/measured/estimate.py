@@ -92,8 +92,8 @@ class Ran:
         self.recording, self.predictor = recording, predictor
         first, single = find_clock(recording, predictor)
         angles = recording.of(ANGLE)
-        own = [single[one.name] for one in angles if np.isfinite(single.get(one.name, np.nan))]
-        self.begin = float(np.median(own)) if own else first  # of most joints
+        known = [single[one.name] for one in angles if np.isfinite(single.get(one.name, np.nan))]
+        self.begin = float(np.median(known)) if known else first  # of most joints
         self.begins = np.full(predictor.robot.n, self.begin)
         if angles:
             self._refine(angles)
@@ -117,12 +117,12 @@ class Ran:
                     weights[k] = square / max(noise, _QUIET) ** 2
             self.begins[joints] += later
         seen = weights > 0
-        found = self.begins[joints]
-        order = np.argsort(found)  # the median by weights: a joint that is late does not turn it
-        common = float(found[order[np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())]])
-        late = seen & ((found - common) ** 2 * weights > _LATE**2)
+        begin = self.begins[joints]
+        order = np.argsort(begin)  # the median by weights: a joint that is late does not turn it
+        common = float(begin[order[np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())]])
+        late = seen & ((begin - common) ** 2 * weights > _LATE**2)
         self.begin = self.begins[:] = common
-        self.begins[joints] = np.where(late, found, common)
+        self.begins[joints] = np.where(late, begin, common)
 
     @cached_property
     def away(self) -> np.ndarray:
@@ -168,37 +168,39 @@ def estimate(
     made, rounds = _Made(first, values), 0
     while True:
         made, zero = _Made(first, values), K + 2 * len(kinds)
-        for at, kind in enumerate(kinds):
+        for index, kind in enumerate(kinds):
             states = ran.states(lags[kind])
             known, columns = model(kind, *states)
             ends = [np.add(*_loads(model(kind, *ran.states(lags[kind] + s)), values)) for s in (step, -step)]
             later = (ends[0] - ends[1]) / (2 * step)
             rows = []
             for c, y in enumerate(measured[kind]):
-                own = np.zeros((len(y), K + 2 * len(kinds) + zeros))
-                own[:, :K], own[:, K + at] = columns[c], later[c]
+                offset_columns = np.zeros((len(y), K + 2 * len(kinds) + zeros))
+                offset_columns[:, :K], offset_columns[:, K + index] = columns[c], later[c]
                 if kind in free_zeros:
-                    own[:, zero] = 1.0
+                    offset_columns[:, zero] = 1.0
                     zero += 1
                 good = np.isfinite(y) & ran.away
                 if kept is not None:
                     good &= kept(kind, c, states[1])
-                if good.sum() > 10 and own[good].any():
-                    rows.append(_Row(kind, c, y, known[c], own, good))
+                if good.sum() > 10 and offset_columns[good].any():
+                    rows.append(_Row(kind, c, y, known[c], offset_columns, good))
             if not rounds and kind in (bandwidths or {}) and rows:
                 assert bandwidths is not None
-                found = low_pass_of([row.plain() for row in rows], 1 / ran.recording.period, bandwidths[kind])
-                low_passes |= {kind: found} if found else {}
-            made.add(rows, low_passes.get(kind), K + len(kinds) + at)
+                low_pass = low_pass_of(
+                    [row.plain() for row in rows], 1 / ran.recording.period, bandwidths[kind]
+                )
+                low_passes |= {kind: low_pass} if low_pass else {}
+            made.add(rows, low_passes.get(kind), K + len(kinds) + index)
         if sum(int(block.kept.sum()) for block in made.blocks) <= 2 * K:
             raise InputError(f"recording: too few samples of {', '.join(kinds)} for {K} parameters")
         prior = np.zeros(K + 2 * len(kinds) + zeros)
         prior[[K + len(kinds) + kinds.index(kind) for kind in low_passes]] = 1 / _CUTOFF**2
         change, spread_of, unseen, freedom = _solved(made.blocks, prior, together=bool(low_passes))
         values = first + change[:K]
-        for at, kind in enumerate(kinds):
+        for index, kind in enumerate(kinds):
             if rounds or kind not in low_passes:  # slopes over time are worth little before there is friction
-                lags[kind] += float(change[K + at])
+                lags[kind] += float(change[K + index])
         rounds += 1
         if rounds >= (_ROUNDS_FILTERED if low_passes else _ROUNDS):
             break
@@ -209,7 +211,9 @@ def estimate(
         (row.kind, row.number, *rms) for row, rms in zip(made.rows, zip(*left, strict=True), strict=True)
     ]
     spread = {
-        kind: float(np.sqrt(np.mean([rms**2 for own, _, rms, _ in signals if own == kind])))
+        kind: float(
+            np.sqrt(np.mean([rms**2 for offset_columns, _, rms, _ in signals if offset_columns == kind]))
+        )
         for kind in dict.fromkeys(row.kind for row in made.rows)
     }
     away = np.where(seen, np.abs(change[:K] - plain[:K]) / np.maximum(errors[:K], 1e-300), 0.0)
@@ -264,14 +268,14 @@ class _Made:
 
     def left(self, change: np.ndarray, low_passes: Mapping[str, LowPass]) -> list[float]:
         """Standard deviation of each signal from the model with changed parameters, where samples count."""
-        found, K = [], len(self._first)
+        results, K = [], len(self._first)
         for row in self.rows:
             model = row.known + row.columns[:, :K] @ (self._first + change[:K])
             model, kept = model + row.columns[:, K:] @ change[K:], row.kept
             if low_pass := low_passes.get(row.kind):
                 model, kept = low_pass(model), Band(low_pass).clear(kept) & kept
-            found.append(float(np.std((row.values - model)[kept])))
-        return found
+            results.append(float(np.std((row.values - model)[kept])))
+        return results
 
 
 def _loads(parts: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -314,11 +318,11 @@ def _left_over(blocks: Sequence[Block], prior: np.ndarray) -> list[np.ndarray]:
     """
     plain, _ = plain_least_squares(blocks, prior)
     left = [block.values - block.columns @ plain for block in blocks]
-    spreads = [float(np.std(own[block.kept])) for own, block in zip(left, blocks, strict=True)]
+    spreads = [float(np.std(residual[block.kept])) for residual, block in zip(left, blocks, strict=True)]
     scaled = [b.columns * b.kept[:, None] / max(s, 1e-300) for b, s in zip(blocks, spreads, strict=True)]
     inverse, _, _ = _inverse(np.sum([X.T @ X for X in scaled], axis=0) + np.diag(prior))
     shares = [1 - np.einsum("ij,jk,ik->i", X, inverse, X) for X in scaled]
-    return [own / np.maximum(share, _LEAST_SHARE) for own, share in zip(left, shares, strict=True)]
+    return [residual / np.maximum(share, _LEAST_SHARE) for residual, share in zip(left, shares, strict=True)]
 
 
 def plain_least_squares(blocks: Sequence[Block], prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -330,21 +334,21 @@ def plain_least_squares(blocks: Sequence[Block], prior: np.ndarray) -> tuple[np.
     spreads = []
     for block in blocks:
         X = block.columns[block.kept]
-        found, _, rank, _ = np.linalg.lstsq(X, block.values[block.kept], rcond=_UNSEEN)
-        square = float(np.sum((block.values[block.kept] - X @ found) ** 2))
+        result, _, rank, _ = np.linalg.lstsq(X, block.values[block.kept], rcond=_UNSEEN)
+        square = float(np.sum((block.values[block.kept] - X @ result) ** 2))
         spreads.append(max(np.sqrt(square / max(len(X) - int(rank), 1)), block.least, 1e-300))
     weighted = [
         (np.where(b.kept, b.values, 0.0) / s, np.where(b.kept[:, None], b.columns, 0.0) / s)
         for b, s in zip(blocks, spreads, strict=True)
     ]
     inverse, _, _ = _inverse(np.sum([X.T @ X for _, X in weighted], axis=0) + np.diag(prior))
-    found = inverse @ np.sum([X.T @ y for y, X in weighted], axis=0)
+    result = inverse @ np.sum([X.T @ y for y, X in weighted], axis=0)
     middle = np.diag(prior)
     for (y, X), block in zip(weighted, blocks, strict=True):
-        left = np.where(block.kept, y - X @ found, 0.0)
+        left = np.where(block.kept, y - X @ result, 0.0)
         filtered = len(block.shape) > 1
         filtering = coloured(left, block.shape) if filtered else autoregression(left[block.kept])
         innovation = float(np.std(signal.lfilter(filtering, [1.0], left)[block.kept]))
         colored = np.asarray(signal.lfilter([1.0], filtering, X[::-1], axis=0)) * innovation
         middle += colored.T @ colored
-    return found, np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))
+    return result, np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))

@@ -82,10 +82,10 @@ def excite(task: MotionTask, *, duration: float = 10.0, seed: int = 0, steps: in
     best, least = tried[int(np.argmin(values))]
     step = 0.3
     for _ in range(steps):
-        own = best.copy()
-        own[rng.integers(len(own))] += step * np.abs(best).mean() * rng.normal(size=shape[1])
-        if (value := search(own, least)) < least:
-            best, least, step = own, value, min(1.5 * step, 1.0)
+        candidate = best.copy()
+        candidate[rng.integers(len(candidate))] += step * np.abs(best).mean() * rng.normal(size=shape[1])
+        if (value := search(candidate, least)) < least:
+            best, least, step = candidate, value, min(1.5 * step, 1.0)
         else:
             step = max(0.95 * step, 0.02)
     for motion, slower, smaller in _tamed(search.start, best, T):
@@ -140,17 +140,17 @@ class _SeriesSearch:
         robot = self.robot = cast(Robot, task.robot)
         self.bare, self.limits, self.T = robot.arm.with_payload(None), task.limits, T
         self.start, self.times = np.asarray(task.start), np.linspace(0.0, T, _INSTANTS)
-        own = robot.limits
-        low = np.maximum(own.angle_min, self.start - _FARTHEST)
-        high = np.minimum(own.angle_max, self.start + _FARTHEST)
+        limits = robot.limits
+        low = np.maximum(limits.angle_min, self.start - _FARTHEST)
+        high = np.minimum(limits.angle_max, self.start + _FARTHEST)
         self.way = np.maximum(np.minimum(high - self.start, self.start - low), 1e-3)
-        speed = np.where(np.isfinite(own.speed), own.speed, self.way)
-        change = np.where(np.isfinite(own.acceleration), own.acceleration, speed / _FULL)
+        speed = np.where(np.isfinite(limits.speed), limits.speed, self.way)
+        change = np.where(np.isfinite(limits.acceleration), limits.acceleration, speed / _FULL)
         self.most = self.way, speed, change
         q, qd, qdd = random_states(self.bare)
         loads = torque_columns(self.bare, robot.support.gravity, q, qd, qdd)
         self.independent = base_parameters(np.vstack(list(loads))).independent
-        self.noise = np.where(np.isfinite(own.torque), own.torque, 1.0)
+        self.noise = np.where(np.isfinite(limits.torque), limits.torque, 1.0)
         qd, qdd = (values / np.abs(values).max() * most for values, most in ((qd, speed), (qdd, change)))
         size = np.sqrt(np.mean(self._rows(q, qd, qdd) ** 2, axis=0))
         self.size = np.where(size > 0, size, 1.0)
@@ -186,14 +186,14 @@ class _SeriesSearch:
                 return _BROKEN * (10 * left + np.fmin(share, 9.0))
         return condition
 
-    def _shares(self, at: Instants) -> Iterator[tuple[int, float]]:
+    def _shares(self, instants: Instants) -> Iterator[tuple[int, float]]:
         """How much of each limit is used, cheap ones first; before each how many are left."""
-        gap = np.min(self.robot.collision.least(at.angles))
+        gap = np.min(self.robot.collision.least(instants.angles))
         yield 3, 1 + (self.limits.clearance - gap) / _SHARE
-        torques = np.max(np.abs(at.torques) / self.robot.limits.torque)
+        torques = np.max(np.abs(instants.torques) / self.robot.limits.torque)
         yield 2, torques / (_SHARE * self.limits.torque_ratio)
-        yield 1, np.max(at.tip.GN) / (_SHARE * self.limits.GN)
-        yield 0, np.max(at.slip.GT) / (_SHARE * self.limits.GT)
+        yield 1, np.max(instants.tip.GN) / (_SHARE * self.limits.GN)
+        yield 0, np.max(instants.slip.GT) / (_SHARE * self.limits.GT)
 
     def condition(self, motion: Trajectory) -> float:
         """Condition number of a motion."""

@@ -66,13 +66,13 @@ class BaseParameters:
 
     def names(self, parameters: Sequence[str]) -> list[str]:
         """In words, such as "Izz2 + 0.425 mx3"; small shares are left out."""
-        found = []
+        results = []
         for first, row in zip(self.independent, self.combinations, strict=True):
             others = [k for k in np.argsort(-np.abs(row)) if k != first and abs(row[k]) > 1e-9]
             shares = (("+-"[int(row[k] < 0)], f"{abs(row[k]):.3g} ", parameters[int(k)]) for k in others)
             parts = [f"{sign} {'' if share == '1 ' else share}{name}" for sign, share, name in shares]
-            found.append(" ".join([parameters[int(first)], *parts]))
-        return found
+            results.append(" ".join([parameters[int(first)], *parts]))
+        return results
 
 
 def base_parameters(columns: np.ndarray) -> BaseParameters:
@@ -120,24 +120,24 @@ class Identified:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data, SI units."""
-        own = self.estimate
+        identified = self.estimate
         return {
             "base_parameters": list(self.names),
-            "values": own.values.tolist(),
+            "values": identified.values.tolist(),
             "described": self.described.tolist(),
-            "confidence_95": own.half.tolist(),
-            "covariance": own.covariance.tolist(),
-            "seen": own.seen.tolist(),
+            "confidence_95": identified.half.tolist(),
+            "covariance": identified.covariance.tolist(),
+            "seen": identified.seen.tolist(),
             "coulomb": self.coulomb.tolist(),
             "viscous": self.viscous.tolist(),
-            "residuals": dict(own.residuals),
-            "delays_s": dict(own.delays),
+            "residuals": dict(identified.residuals),
+            "delays_s": dict(identified.delays),
             "residuals_by_signal": {
                 f"{kind}[{number + 1}]": {"rms": rms, "plain_least_squares": plain}
-                for kind, number, rms, plain in own.signals
+                for kind, number, rms, plain in identified.signals
             },
-            "away_from_plain_least_squares": own.away.tolist(),
-            "low_pass": {kind: vars(low_pass) for kind, low_pass in own.low_passes.items()},
+            "away_from_plain_least_squares": identified.away.tolist(),
+            "low_pass": {kind: vars(low_pass) for kind, low_pass in identified.low_passes.items()},
             "moved_by_existence": self.moved,
             "condition": self.condition,
         }
@@ -148,23 +148,23 @@ class Identified:
         links = {}
         for k, name in enumerate(bare.chain_names):
             places = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-            own = {
+            tables = {
                 "mass": float(bare.masses[k]),
                 "center_of_mass": bare.centres[k].tolist(),
                 "inertia": [float(bare.inertias[k][place]) for place in places],
             }
-            links[name] = own | ({"armature": float(bare.armature[k])} if bare.armature.any() else {})
-        found: dict[str, Any] = {"arm": {"links": links}}
+            links[name] = tables | ({"armature": float(bare.armature[k])} if bare.armature.any() else {})
+        data: dict[str, Any] = {"arm": {"links": links}}
         if isinstance(motors, DCMotors):
             keys = ("motor_constant", "coulomb", "viscous", "standby")
             drives = {key: getattr(motors, key).copy() for key in keys}
             for key, values in (("coulomb", self.coulomb), ("viscous", self.viscous)):
                 drives[key] = np.where(np.isfinite(values), np.maximum(values, 0.0), drives[key])
-            found["motors"] = {
+            data["motors"] = {
                 "kind": "dc", **{key: values.tolist() for key, values in drives.items()},
                 "regeneration": motors.regeneration,
             }  # fmt: skip
-        return found
+        return data
 
 
 def parameter_names(arm: ArmModel) -> list[str]:
@@ -238,8 +238,8 @@ def identify_links(
         friction = np.zeros((len(q), columns.shape[1], 2 * n))
         if kind == TORQUE:
             friction = friction_columns(qd)[:, which[kind]]
-        own = np.concatenate([columns[:, :, basis.independent], friction], axis=2)
-        return known.T, own.transpose(1, 0, 2)
+        all_columns = np.concatenate([columns[:, :, basis.independent], friction], axis=2)
+        return known.T, all_columns.transpose(1, 0, 2)
 
     ran = Ran(recording, predictor)
     changes = ran.states()[2]
@@ -247,22 +247,22 @@ def identify_links(
     def kept(kind: str, c: int, speeds: np.ndarray) -> np.ndarray:
         if kind != TORQUE:
             return np.ones(len(speeds), dtype=bool)
-        own = np.abs(speeds[:, which[kind][c]])
+        speed = np.abs(speeds[:, which[kind][c]])
         turns = AROUND * recording.period * np.abs(changes[:, which[kind][c]])
-        return own > np.maximum(_RESTS * own.max(), turns)
+        return speed > np.maximum(_RESTS * speed.max(), turns)
 
     first = np.concatenate([basis.combinations @ described, np.zeros(2 * n)])
     searched = {} if bandwidth == np.inf else {TORQUE: bandwidth, WRENCH: None}
-    found = estimate(ran, measured, model, first, kept=kept, bandwidths=searched)
-    friction = np.where(found.seen[p:], found.values[p:], np.nan)
-    arm, moved = _existing(bare, basis, found)
+    result = estimate(ran, measured, model, first, kept=kept, bandwidths=searched)
+    friction = np.where(result.seen[p:], result.values[p:], np.nan)
+    arm, moved = _existing(bare, basis, result)
     return Identified(
         arm.with_payload(robot.arm.payload), friction[:n], friction[n:], basis,
-        tuple(basis.names(parameter_names(bare))), found, first[:p], moved, _condition(found, p),
+        tuple(basis.names(parameter_names(bare))), result, first[:p], moved, _condition(result, p),
     )  # fmt: skip
 
 
-def mass_tolerance(found: Identified, predictor: Predictor, sigmas: float) -> float | None:
+def mass_tolerance(identified: Identified, predictor: Predictor, sigmas: float) -> float | None:
     """Relative tolerance of the links' masses that covers what is not sure of the identified arm.
 
     At every instant of the motion, and about every tipping axis, links that are each off by this share move
@@ -280,9 +280,9 @@ def mass_tolerance(found: Identified, predictor: Predictor, sigmas: float) -> fl
     Raises:
         InputError: the contacts have no tipping axes, or not even links without mass are enough.
     """
-    robot, motion = predictor.robot.varied(arm=found.arm), predictor.motion
+    robot, motion = predictor.robot.varied(arm=identified.arm), predictor.motion
     sigmas = positive_number("sigmas", sigmas)
-    if WRENCH not in found.estimate.residuals:
+    if WRENCH not in identified.estimate.residuals:
         return None
     axes = TipMap(robot.tip_over)
     if not axes.count:
@@ -294,11 +294,11 @@ def mass_tolerance(found: Identified, predictor: Predictor, sigmas: float) -> fl
     columns = regressors(bare, support.gravity, *states)[1][:, :, PER_BODY:]
     columns[:, 3:] -= skew(support.center_of_mass) @ columns[:, :3]
     rotors = np.zeros((*columns.shape[:2], robot.n if bare.armature.any() else 0))
-    columns = np.concatenate([columns, rotors], axis=2)[:, :, found.basis.independent]
-    p, links = len(found.names), bare.links
+    columns = np.concatenate([columns, rotors], axis=2)[:, :, identified.basis.independent]
+    p, links = len(identified.names), bare.links
     about_axes = axes(wrenches)[1] @ columns  # (N, axes, p)
-    covariance = found.estimate.covariance[:p, :p]
-    away = found.basis.combinations @ all_parameters(bare) - found.estimate.values[:p]
+    covariance = identified.estimate.covariance[:p, :p]
+    away = identified.basis.combinations @ all_parameters(bare) - identified.estimate.values[:p]
     unsure = sigmas * np.sqrt(np.einsum("nap,pq,naq->na", about_axes, covariance, about_axes)) + np.abs(
         about_axes @ away
     )
@@ -336,12 +336,12 @@ def random_states(arm: ArmModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return q, rng.normal(size=q.shape), 3 * rng.normal(size=q.shape)
 
 
-def _condition(found: Estimate, p: int) -> float:
-    own = found.covariance[:p, :p][np.ix_(found.seen[:p], found.seen[:p])]
-    if not own.size:
+def _condition(result: Estimate, p: int) -> float:
+    covariance = result.covariance[:p, :p][np.ix_(result.seen[:p], result.seen[:p])]
+    if not covariance.size:
         return float("inf")
-    size = np.sqrt(np.diag(own))
-    return float(np.sqrt(np.linalg.cond(own / np.outer(size, size))))
+    size = np.sqrt(np.diag(covariance))
+    return float(np.sqrt(np.linalg.cond(covariance / np.outer(size, size))))
 
 
 def _exists(parameters: np.ndarray) -> bool:
@@ -354,10 +354,10 @@ def _scaled() -> np.ndarray:
     return np.outer(size, size)
 
 
-def _existing(arm: ArmModel, basis: BaseParameters, found: Estimate) -> tuple[ArmModel, float]:
+def _existing(arm: ArmModel, basis: BaseParameters, result: Estimate) -> tuple[ArmModel, float]:
     """The arm with links that exist, and how far the base parameters moved for that."""
     p, described = len(basis.independent), all_parameters(arm)
-    covariance = found.covariance[:p, :p]
+    covariance = result.covariance[:p, :p]
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     weight = np.linalg.pinv(covariance / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(
         size, size
@@ -367,11 +367,11 @@ def _existing(arm: ArmModel, basis: BaseParameters, found: Estimate) -> tuple[Ar
     masses = np.maximum(arm.masses, _SMALL * arm.masses.mean())
     unit = np.concatenate([[1.0], np.full(3, _LENGTH), np.full(6, _LENGTH**2)])
     scale = np.concatenate([np.outer(masses, unit).ravel(), np.ones(len(described) - PER_BODY * arm.links)])
-    wanted = root @ (found.values[:p] - basis.combinations @ described)
+    wanted = root @ (result.values[:p] - basis.combinations @ described)
     slopes = root @ basis.combinations * scale
     change = scale * _program(arm, described, scale, slopes, wanted)
     values = described + change
-    moved = float(np.linalg.norm(root @ (basis.combinations @ values - found.values[:p])))
+    moved = float(np.linalg.norm(root @ (basis.combinations @ values - result.values[:p])))
     bodies = [body_of(values[k : k + PER_BODY]) for k in range(0, PER_BODY * arm.links, PER_BODY)]
     rotors = values[PER_BODY * arm.links :]
     return replace(
@@ -389,20 +389,20 @@ def _program(
     """(K,) relative changes with minimum |slopes x - wanted|^2 + pull |x|^2 of links that exist."""
     K, rows, right, cones = len(described), [], [], []
     for k in range(arm.links):
-        own = slice(PER_BODY * k, PER_BODY * (k + 1))
-        if not _exists(described[own]):  # split rotors: no body has them, see `robots.bodies`
+        block = slice(PER_BODY * k, PER_BODY * (k + 1))
+        if not _exists(described[block]):  # split rotors: no body has them, see `robots.bodies`
             part = np.zeros((1, K))
-            part[0, own.start] = -scale[own.start]
+            part[0, block.start] = -scale[block.start]
             rows.append(part)
-            right.append((1 - _LEAST) * described[own][:1])
+            right.append((1 - _LEAST) * described[block][:1])
             cones.append(clarabel.NonnegativeConeT(1))
             continue
         mass = max(float(arm.masses[k]), 1e-12)
         units = [_cone(unit) / mass for unit in np.eye(PER_BODY)]
         part = np.zeros((10, K))
-        part[:, own] = -np.array(units).T * scale[own]
+        part[:, block] = -np.array(units).T * scale[block]
         rows.append(part)
-        right.append(_cone(described[own]) / mass)
+        right.append(_cone(described[block]) / mass)
         cones.append(clarabel.PSDTriangleConeT(4))
     rotors = K - PER_BODY * arm.links
     if rotors:

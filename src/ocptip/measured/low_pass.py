@@ -55,8 +55,8 @@ class LowPass:
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """(N, ...) filtered along the first axis; before and after them signals rest."""
-        found = self._run(values)
-        return found if self.causal else self._run(found[::-1])[::-1]
+        result = self._run(values)
+        return result if self.causal else self._run(result[::-1])[::-1]
 
     def _run(self, values: np.ndarray) -> np.ndarray:
         sections, start = _designed(self.order, self.cutoff, self.rate)
@@ -171,8 +171,8 @@ def low_pass_of(blocks: Sequence[Block], rate: float, given: float | None = None
         return None
     kinds = [(order, causal) for order in ORDERS for causal in (True, False)]
     cutoffs = np.geomspace(low, high, _TRIED if given is None else _TRIED_NEAR)
-    found = [_best(blocks, LowPass(high, *kind, rate), cutoffs) for kind in kinds]
-    least, low_pass = min(found, key=lambda one: one[0])
+    results = [_best(blocks, LowPass(high, *kind, rate), cutoffs) for kind in kinds]
+    least, low_pass = min(results, key=lambda one: one[0])
     gained = _cost(blocks, None) - least
     if given is None and gained < _EVIDENCE * sum(block.kept.sum() for block in blocks):
         return None

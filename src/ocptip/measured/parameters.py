@@ -77,13 +77,13 @@ def regressors(
         joint = model.addJoint(joint, kind, place, f"joint {k + 1}")
     data, still = model.createData(), np.zeros(6)
     first = pin.neutral(model)[:7]
-    found = np.empty((len(q), 6 + arm.n, PER_BODY * (arm.links + 1)))
+    values = np.empty((len(q), 6 + arm.n, PER_BODY * (arm.links + 1)))
     for k, (angles, speeds, changes) in enumerate(zip(q, qd, qdd, strict=True)):
-        found[k] = pin.computeJointTorqueRegressor(
+        values[k] = pin.computeJointTorqueRegressor(
             model, data, np.concatenate([first, angles]), np.concatenate([still, speeds]),
             np.concatenate([still, changes]),
         )  # fmt: skip
-    return found[:, 6:, PER_BODY:], -found[:, :6]
+    return values[:, 6:, PER_BODY:], -values[:, :6]
 
 
 def process_loads(robot: Robot, q: np.ndarray, process: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -92,8 +92,8 @@ def process_loads(robot: Robot, q: np.ndarray, process: np.ndarray) -> tuple[np.
     `process` is what it is, (N, 6), if it varies.
     """
     still, none = np.zeros_like(q), np.zeros(3)
-    found = robot.pushed(robot.arm, q, still, still, process, gravity=none, about=none)
-    return found.torque, found.wrench[:, :, None]
+    dynamics = robot.pushed(robot.arm, q, still, still, process, gravity=none, about=none)
+    return dynamics.torque, dynamics.wrench[:, :, None]
 
 
 def on_sensor(sensor: WrenchSensor, wrenches: np.ndarray) -> np.ndarray:
@@ -107,11 +107,11 @@ def pseudo_inertia(parameters: np.ndarray) -> np.ndarray:
     about = np.empty((3, 3))
     for place, value in zip(_PLACES, parameters[4:], strict=True):
         about[place] = about[place[::-1]] = value
-    found = np.empty((4, 4))
-    found[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
-    found[:3, 3] = found[3, :3] = parameters[1:4]
-    found[3, 3] = parameters[0]
-    return found
+    values = np.empty((4, 4))
+    values[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
+    values[:3, 3] = values[3, :3] = parameters[1:4]
+    values[3, 3] = parameters[0]
+    return values
 
 
 def of_pseudo_inertia(pseudo: np.ndarray) -> np.ndarray:

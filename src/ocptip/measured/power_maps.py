@@ -91,8 +91,8 @@ def _folded(torque: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def terms(torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """(N, 12) of the map per coefficient in W, of drive torques, N m, and speeds, rad/s."""
-    own, w = _folded(torque, speed)
-    M, w = -own, w * 180 / np.pi  # loads and degrees per second, see `PowerMaps`
+    folded, w = _folded(torque, speed)
+    M, w = -folded, w * 180 / np.pi  # loads and degrees per second, see `PowerMaps`
     return np.stack([M**i * w**j for j in range(3) for i in range(4)], axis=1)
 
 
@@ -115,24 +115,24 @@ def fit_power_map(torque: np.ndarray, speed: np.ndarray, power: np.ndarray) -> P
         raise InputError("samples tell no map: no torque or no speed in them")
     U, s, V = np.linalg.svd(X / size, full_matrices=False)
     if s[-1] < _UNSEEN * s[0]:
-        own, w = _folded(torque, speed)
+        folded, w = _folded(torque, speed)
         raise InputError(
-            f"samples at {len(np.unique(own))} torques and {len(np.unique(w))} speeds do not tell all "
+            f"samples at {len(np.unique(folded))} torques and {len(np.unique(w))} speeds do not tell all "
             "coefficients: four torques and three speeds are needed at least, in all combinations"
         )
-    found = (V.T / s) @ (U.T @ power) / size
-    left = power - X @ found
+    result = (V.T / s) @ (U.T @ power) / size
+    left = power - X @ result
     noise = float(np.sqrt(left @ left / (len(power) - TERMS)))
     inverse = (V.T / s**2) @ V / np.outer(size, size)
-    own, w = _folded(torque, speed)
-    points = np.column_stack([own, w])
+    folded, w = _folded(torque, speed)
+    points = np.column_stack([folded, w])
     try:
         corners = points[ConvexHull(points, qhull_options="QJ").vertices]
     except QhullError as error:  # pragma: no cover - the rank has been looked at
         raise InputError("samples lie on a line of torque and speed") from error
-    ends = [(float(x.min()), float(x.max())) for x in (own, w)]
+    ends = [(float(x.min()), float(x.max())) for x in (folded, w)]
     return PowerMap(
-        found, noise**2 * inverse, noise, float(np.abs(left).max()), ends[0], ends[1], corners, len(power)
+        result, noise**2 * inverse, noise, float(np.abs(left).max()), ends[0], ends[1], corners, len(power)
     )
 
 
@@ -152,26 +152,30 @@ def samples_by_joint(
                 f"column {name!r}: {there}; expected power_W, one for torque_Nm or force_N, one for "
                 "speed_deg_s, speed_rad_s or speed_m_s, and joint if there are several"
             )
-    found = []
+    results = []
     for kind in ("torque_Nm force_N", "speed_deg_s speed_rad_s speed_m_s", "power_W"):
-        own = [name for name in kind.split() if name in header]
-        if len(own) != 1:
+        columns = [name for name in kind.split() if name in header]
+        if len(columns) != 1:
             raise InputError(f"expected one column of {' or '.join(kind.split())}")
-        found.append(COLUMNS[own[0]] * rows[:, header.index(own[0])])
+        results.append(COLUMNS[columns[0]] * rows[:, header.index(columns[0])])
     joints = rows[:, header.index("joint")] if "joint" in header else np.ones(len(rows))
     if (joints != np.round(joints)).any() or (joints < 1).any():
         raise InputError("column joint: expected numbers from 1")
     return {
-        int(j): (found[0][joints == j], found[1][joints == j], found[2][joints == j])
+        int(j): (results[0][joints == j], results[1][joints == j], results[2][joints == j])
         for j in np.unique(joints)
     }
 
 
 def motors_table(maps: Sequence[PowerMap]) -> dict[str, Any]:
     """The table `[motors]` of a task file, joint after joint."""
-    return {"kind": "map", "voltage": 1.0, "coefficients": [own.coefficients.tolist() for own in maps]}
+    return {
+        "kind": "map",
+        "voltage": 1.0,
+        "coefficients": [index_map.coefficients.tolist() for index_map in maps],
+    }
 
 
 def motors_of(maps: Sequence[PowerMap]) -> PowerMaps:
     """Drives with these maps."""
-    return PowerMaps(np.array([own.coefficients for own in maps]), voltage=1.0)
+    return PowerMaps(np.array([index_map.coefficients for index_map in maps]), voltage=1.0)

@@ -113,15 +113,15 @@ class Predictor:
 
     def states(self, times: np.ndarray, delays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(N, n) each, at times (N,), s, of the motion, each joint with its delay; at rest outside."""
-        found = [np.empty((len(times), self.robot.n)) for _ in range(3)]
+        results = [np.empty((len(times), self.robot.n)) for _ in range(3)]
         for delay in np.unique(delays):
-            own = times - delay
-            moving = (own >= 0) & (own <= self.motion.end)
-            states = self.motion.states(np.clip(own, 0.0, self.motion.end))
-            for k, (into, values) in enumerate(zip(found, states, strict=True)):
+            delayed_times = times - delay
+            moving = (delayed_times >= 0) & (delayed_times <= self.motion.end)
+            states = self.motion.states(np.clip(delayed_times, 0.0, self.motion.end))
+            for k, (into, values) in enumerate(zip(results, states, strict=True)):
                 still = values if k == 0 else np.where(moving[:, None], values, 0.0)
                 into[:, delays == delay] = still[:, delays == delay]
-        return found[0], found[1], found[2]
+        return results[0], results[1], results[2]
 
     def events(self, delays: np.ndarray, *, small: bool = False) -> np.ndarray:
         """Times, s, of acceleration steps; also of small ones, if these are asked for."""
@@ -186,7 +186,7 @@ class Predictor:
         given = (delays, changes, elastic.bends, elastic.damping)
         grid, curves = self._swings(*(values.tobytes() for values in given), end)
         bent, rate, change = (
-            np.stack([np.interp(times, grid, values) for values in own.T], axis=1) for own in curves
+            np.stack([np.interp(times, grid, values) for values in curve.T], axis=1) for curve in curves
         )
         return bent, rate, change
 
@@ -200,18 +200,22 @@ class Predictor:
         stiffness = 1 / bent[springs]
         rates = 2 * ratio[springs] * np.sqrt(stiffness * np.abs(np.diagonal(M[0])))
         K, C = G + np.diag(stiffness), C + np.diag(rates)
-        found = np.zeros((3, len(grid), self.robot.n))
+        values = np.zeros((3, len(grid), self.robot.n))
         with np.errstate(over="ignore", invalid="ignore"):
-            own = _integrated(np.diff(grid), M, C, K, -torques)
-            if np.isfinite(own).all() and np.abs(own[0]).max() < _FAR:  # else no springs: the arm would fall
-                found[:, :, springs] = own
+            swung = _integrated(np.diff(grid), M, C, K, -torques)
+            if (
+                np.isfinite(swung).all() and np.abs(swung[0]).max() < _FAR
+            ):  # else no springs: the arm would fall
+                values[:, :, springs] = swung
                 late, changed = np.frombuffer(delays), np.frombuffer(changes)
-                q, qd, qdd = (a + b for a, b in zip(self.states(grid, late), found, strict=True))
+                q, qd, qdd = (a + b for a, b in zip(self.states(grid, late), values, strict=True))
                 left = (
-                    self._torques(grid, q, qd, qdd, changed)[:, springs] + own[0] * stiffness + own[1] * rates
+                    self._torques(grid, q, qd, qdd, changed)[:, springs]
+                    + swung[0] * stiffness
+                    + swung[1] * rates
                 )
-                found[:, :, springs] += _integrated(np.diff(grid), M, C, K, -left)
-        return grid, found
+                values[:, :, springs] += _integrated(np.diff(grid), M, C, K, -left)
+        return grid, values
 
     def _linearised(
         self, delays: bytes, changes: bytes, springs: tuple[int, ...], end: float
@@ -223,16 +227,16 @@ class Predictor:
         sides = (events[(events > grid[0]) & (events < grid[-1]), None] + np.array([-INSIDE, INSIDE])).ravel()
         grid = np.unique(np.concatenate([grid, sides]))
         states = self.states(grid, late)
-        own = list(springs)
+        chosen = list(springs)
 
         def needed(k: int = 0, j: int = 0, step: float = 0.0) -> np.ndarray:
             given = list(states)
             given[k] = given[k] + step * (np.arange(self.robot.n) == j)
-            return self._torques(grid, given[0], given[1], given[2], changed)[:, own]
+            return self._torques(grid, given[0], given[1], given[2], changed)[:, chosen]
 
         torques = needed()
         M, C, G = (
-            np.stack([(needed(k, j, step) - torques) / step for j in own], axis=-1)
+            np.stack([(needed(k, j, step) - torques) / step for j in chosen], axis=-1)
             for k, step in ((2, 1.0), (1, 1e-3), (0, 1e-5))
         )
         return grid, torques, M, C, G
@@ -240,12 +244,12 @@ class Predictor:
     def _torques(
         self, times: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, changes: np.ndarray
     ) -> np.ndarray:
-        found = self.robot.loads(q, qd, qdd, self.robot.acting(times))[0]
+        load = self.robot.loads(q, qd, qdd, self.robot.acting(times))[0]
         if changes.any():
             given = (q, qd, qdd, self.robot.support.gravity, np.zeros(3))
-            loads = [self._masses(*given, own)[0][:, : self.robot.n] for own in (changes, 0 * changes)]
-            found = found + loads[0] - loads[1]
-        return found
+            loads = [self._masses(*given, change)[0][:, : self.robot.n] for change in (changes, 0 * changes)]
+            load = load + loads[0] - loads[1]
+        return load
 
     def power(self, state: State) -> np.ndarray:
         """(N, n), W, of the drives."""
@@ -299,5 +303,5 @@ def _integrated(
     row, column = np.indices((3 * k, 3 * k))
     band[3 * k + row - column, :-1, column] = -steps.transpose(1, 2, 0)
     (solve,) = linalg.get_lapack_funcs(("tbtrs",), (band,))
-    found, _ = solve(band.reshape(6 * k, -1), right.reshape(-1, 1), uplo="L", diag="U")
-    return found.reshape(N, 3, k).transpose(1, 0, 2)
+    result, _ = solve(band.reshape(6 * k, -1), right.reshape(-1, 1), uplo="L", diag="U")
+    return result.reshape(N, 3, k).transpose(1, 0, 2)

@@ -197,12 +197,12 @@ def _of_table(table: TextTable, robot: StandingMechanism, unit: str | None) -> R
         raise InputError(f"line {table.lines[int(late[0]) + 1]}: {title} does not increase")
     rows = _cells(table)
     known = {k: _signal(text, robot, unit) for k, text in enumerate(table.header) if k not in clock.columns}
-    unknown = [table.header[k] for k, own in known.items() if own is None and table.header[k]]
+    unknown = [table.header[k] for k, column in known.items() if column is None and table.header[k]]
     signals: dict[str, tuple[str, int, np.ndarray]] = {}
-    for k, own in known.items():
-        if own is None:
+    for k, column in known.items():
+        if column is None:
             continue
-        name, kind, index, scale = own
+        name, kind, index, scale = column
         if name in signals:
             raise InputError(f"header: {table.header[k]} is {name}, which is there already")
         signals[name] = kind, index, scale * rows[:, k]
@@ -211,15 +211,15 @@ def _of_table(table: TextTable, robot: StandingMechanism, unit: str | None) -> R
     switches = {name: signals.pop(name) for name in list(signals) if signals[name][0] == SWITCH}
     if not signals:
         raise InputError(f"header: no known quantity among {', '.join(table.header)} (see docs/compare.md)")
-    others = [k for k, own in known.items() if own is None]
+    others = [k for k, column in known.items() if column is None]
     one = on_one_clock(times, signals, np.asarray(np.isfinite(rows[:, others]).any(axis=1)))
     step = -(-len(one.times) // MOST)
-    found = {
+    results = {
         name: Signal(name, kind, index, values[::step]) for name, (kind, index, values) in one.signals.items()
     }
     return Recording(
         one.times[::step],
-        tuple(_with_power(found)),
+        tuple(_with_power(results)),
         tuple(unknown),
         step,
         gaps_of(one.times),
@@ -234,14 +234,14 @@ def _cells(table: TextTable) -> np.ndarray:
     values = np.full((len(table.rows), len(table.header)), np.nan)
     for k, title in enumerate(table.header):
         numeric = False
-        for at, cell in enumerate(table.texts(k)):
+        for index, cell in enumerate(table.texts(k)):
             try:
-                values[at, k] = float(cell) if cell else np.nan
+                values[index, k] = float(cell) if cell else np.nan
                 numeric = numeric or bool(cell)
             except ValueError:
                 if numeric:
                     raise InputError(
-                        f"line {table.lines[at]}, {title}: expected a number, got {cell!r}"
+                        f"line {table.lines[index]}, {title}: expected a number, got {cell!r}"
                     ) from None
     values[~np.isfinite(values)] = np.nan
     return values
@@ -250,35 +250,37 @@ def _cells(table: TextTable) -> np.ndarray:
 def _signal(title: str, robot: StandingMechanism, unit: str | None) -> tuple[str, str, int, float] | None:
     """Name, kind, index and SI unit per unit of a column; None if it is not known."""
     match = _WITH_UNIT.fullmatch(title)
-    for body, own in (((match["body"], match["unit"]),) if match else ()) + ((title, ""),):
+    for body, unit_text in (((match["body"], match["unit"]),) if match else ()) + ((title, ""),):
         known = _known(body.strip(" _"), robot.names, robot.sensor.name)
         if known is None:
             continue
         name, kind, index = known
         if kind == SWITCH and index >= len(robot.support.contacts):
             continue
-        if own and own not in _UNITS[kind]:
+        if unit_text and unit_text not in _UNITS[kind]:
             continue
-        return name, kind, index, _scale(title, kind, index, own, robot.units, unit)
+        return name, kind, index, _scale(title, kind, index, unit_text, robot.units, unit)
     return None
 
 
-def _scale(title: str, kind: str, index: int, own: str, units: Sequence[str], unit: str | None) -> float:
+def _scale(
+    title: str, kind: str, index: int, unit_given: str, units: Sequence[str], unit: str | None
+) -> float:
     """SI unit per unit of a column."""
     turns = kind == BASE and index >= 3
     slides = (kind in (ANGLE, SPEED) and units[index] == "m") or (kind == BASE and not turns)
     turns = turns or (kind in (ANGLE, SPEED) and not slides)
-    if not own and turns:
+    if not unit_given and turns:
         if unit is None:
             raise InputError(
                 f"header: {title} says neither degrees nor radians; give --unit deg or --unit rad, or call "
                 f"it {title}_deg"
             )
         return _TURN[unit]
-    base = own.split("_")[0].split("/")[0]
-    if own and ((turns and base not in _TURN) or (slides and base not in _LENGTH)):
+    base = unit_given.split("_")[0].split("/")[0]
+    if unit_given and ((turns and base not in _TURN) or (slides and base not in _LENGTH)):
         raise InputError(f"header: {title}: expected {'degrees or radians' if turns else 'a length'}")
-    return _UNITS[kind][own] if own else 1.0
+    return _UNITS[kind][unit_given] if unit_given else 1.0
 
 
 def _known(body: str, names: Sequence[str], sensor: str) -> tuple[str, str, int] | None:
@@ -327,9 +329,9 @@ def _of_joint(body: str, names: Sequence[str]) -> tuple[str, str, int] | None:
     return None
 
 
-def _with_power(found: dict[str, Signal]) -> Iterator[Signal]:
+def _with_power(result: dict[str, Signal]) -> Iterator[Signal]:
     """The signals; voltage times current as the total power, if that is not there."""
-    voltage, current = found.pop(_VOLTAGE, None), found.pop(_CURRENT, None)
-    yield from found.values()
-    if _TOTAL not in found and voltage is not None and current is not None:
+    voltage, current = result.pop(_VOLTAGE, None), result.pop(_CURRENT, None)
+    yield from result.values()
+    if _TOTAL not in result and voltage is not None and current is not None:
         yield Signal(_TOTAL, POWER, 0, voltage.values * current.values)

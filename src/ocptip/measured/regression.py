@@ -124,12 +124,12 @@ def _without(rows: np.ndarray, missing: np.ndarray, filtering: np.ndarray) -> in
     for run in np.split(missing, np.flatnonzero(np.diff(missing) > order) + 1):
         first, last = (max(run[0], order), min(run[-1] + order + 1, len(rows))) if len(run) else (0, 0)
         later = np.arange(first, last)[:, None] - run
-        own = np.where((later >= 0) & (later <= order), filtering[np.clip(later, 0, order)], 0.0)
-        own = own[:, np.any(own != 0, axis=0)]
-        if own.size:
-            own = linalg.orth(own)
-            rows[first:last] -= own @ (own.T @ rows[first:last])
-            lost += own.shape[1]
+        indices = np.where((later >= 0) & (later <= order), filtering[np.clip(later, 0, order)], 0.0)
+        indices = indices[:, np.any(indices != 0, axis=0)]
+        if indices.size:
+            indices = linalg.orth(indices)
+            rows[first:last] -= indices @ (indices.T @ rows[first:last])
+            lost += indices.shape[1]
     return lost
 
 
@@ -144,8 +144,8 @@ def autoregression(values: np.ndarray, order: int | None = None) -> np.ndarray:
     products = lags.T @ lags
     best, least = np.ones(1), N * np.log(max(products[0, 0], 1e-300) / len(lags)) if order is None else np.inf
     for lag in range(1 if order is None else order, most + 1):
-        own = products[1 : lag + 1, 1 : lag + 1]
-        a = _solved(own, products[1 : lag + 1, 0], 1e-12)
+        product = products[1 : lag + 1, 1 : lag + 1]
+        a = _solved(product, products[1 : lag + 1, 0], 1e-12)
         error = max(float(products[0, 0] - a @ products[1 : lag + 1, 0]), 1e-12 * products[0, 0])
         criterion = N * np.log(error / len(lags)) + lag * np.log(N)
         if criterion < least:
@@ -223,9 +223,9 @@ class _Sums:
 
     def gains(self, chosen: list[int]) -> tuple[np.ndarray, np.ndarray]:
         """(K,) how much less each further cause leaves over, and the share of it that is new."""
-        own = self.products[np.ix_(chosen, chosen)]
+        product = self.products[np.ix_(chosen, chosen)]
         other = self.products[chosen]
-        solved = _solved(own, np.column_stack([other, self.projections[chosen]]))
+        solved = _solved(product, np.column_stack([other, self.projections[chosen]]))
         new = 1.0 - np.sum(other * solved[:, :-1], axis=0)
         left = self.projections - other.T @ solved[:, -1]
         usable = self.seen & (new > _SAME)
@@ -257,14 +257,14 @@ def explain(
     threshold = float(stats.t.isf(0.5 * level / max(candidates, 1), sums.freedom))
     chosen = _chosen(sums, nuisance, threshold**2, K if most is None else most)
     everything = [int(k) for k in np.flatnonzero(sums.seen)]
-    least, own = sums.left(everything), sums.left(nuisance + chosen)
+    least, chosen_squares = sums.left(everything), sums.left(nuisance + chosen)
     parameters = int(np.linalg.matrix_rank(sums.products[np.ix_(everything, everything)], tol=_SAME))
     more = max(parameters - len(nuisance) - len(chosen), 1)
     values, errors = _sizes(sums, nuisance, chosen)
     causes = [_cause(sums, nuisance, chosen, k, values, errors, threshold) for k in chosen]
     return Explanation(
-        tuple(sorted(causes, key=lambda c: -c.explained)), values, errors, sums.freedom, own,
-        float(stats.chi2.sf(max(own - least, 0.0), more)), threshold,
+        tuple(sorted(causes, key=lambda c: -c.explained)), values, errors, sums.freedom, chosen_squares,
+        float(stats.chi2.sf(max(chosen_squares - least, 0.0), more)), threshold,
     )  # fmt: skip
 
 
@@ -306,10 +306,10 @@ def _without_needless(sums: _Sums, nuisance: list[int], chosen: list[int], enoug
     while len(chosen) > 1:
         left = sums.left(nuisance + chosen)
         costs = [sums.left(nuisance + [c for c in chosen if c != k]) - left for k in chosen]
-        at = int(np.argmin(costs))
-        if costs[at] > enough:
+        index = int(np.argmin(costs))
+        if costs[index] > enough:
             return chosen
-        chosen = [c for k, c in enumerate(chosen) if k != at]
+        chosen = [c for k, c in enumerate(chosen) if k != index]
     return chosen
 
 

@@ -77,24 +77,24 @@ def noise_of(residuals: np.ndarray, kept: np.ndarray) -> float:
 
 def absent(recording: Recording, joints: int) -> list[Finding]:
     """Signals that are not there though others of their kind are, and samples that are missing."""
-    found = gaps(recording)
+    result = gaps(recording)
     for kind, title in _TOGETHER.items():
         there = {s.index for s in recording.of(kind)}
         if there:
             names = [title.format(k + 1) for k in range(joints) if k not in there]
-            found += [Finding("missing", f"{name} missing", text="is not recorded") for name in names]
+            result += [Finding("missing", f"{name} missing", text="is not recorded") for name in names]
     there = {s.index for s in recording.of(WRENCH)}
     if there:
         lacking = [name for k, name in enumerate(_SENSOR) if k not in there]
-        found += [Finding("missing", f"{name} missing", text="is not recorded") for name in lacking]
+        result += [Finding("missing", f"{name} missing", text="is not recorded") for name in lacking]
     for one in recording.signals:
         count = int(np.isnan(one.values).sum())
         if count and one.name not in recording.slower:
             gone = recording.times[np.isnan(one.values)]
             text = f"{count} of {len(one.values)} samples, {gone[0]:.4g} to {gone[-1]:.4g} s"
             share = 100 * count / len(one.values)
-            found.append(Finding("missing", f"{one.name} missing", share, unit="%", text=text))
-    return found
+            result.append(Finding("missing", f"{one.name} missing", share, unit="%", text=text))
+    return result
 
 
 def gaps(recording: Recording) -> list[Finding]:
@@ -111,16 +111,18 @@ def gaps(recording: Recording) -> list[Finding]:
 
 def lost_contacts(losses: Sequence[ContactLoss]) -> list[Finding]:
     """Interruptions of contacts that contradict a plan in which none is lost."""
-    found = []
+    results = []
     for one in losses:
         name = f"contact {one.contact}"
         if not one.ever_closed:
-            found.append(Finding("contact", f"{name} never closed", text="its switch is open in all samples"))
+            results.append(
+                Finding("contact", f"{name} never closed", text="its switch is open in all samples")
+            )
         elif one.longest > HARMLESS:
             times = "once" if one.count == 1 else f"longest of {one.count} interruptions"
             text = f"{times}, from {one.at:.3f} s; vibration explains up to {1e3 * HARMLESS:.0f} ms"
-            found.append(Finding("contact", f"{name} lost", 1e3 * one.longest, unit="ms", text=text))
-    return found
+            results.append(Finding("contact", f"{name} lost", 1e3 * one.longest, unit="ms", text=text))
+    return results
 
 
 def uncovered(recording: Recording, begin: float, end: float) -> list[Finding]:
@@ -156,28 +158,28 @@ def clipped(one: Signal, predicted: np.ndarray, level: float) -> np.ndarray:
     prediction is beyond it on average, by more than the scatter of the others explains.
     """
     y = one.values
-    found = np.zeros(len(y), dtype=bool)
+    values = np.zeros(len(y), dtype=bool)
     good = np.isfinite(y)
     same = quantum(y) + _ROUNDED * np.ptp(predicted)
     about = np.lib.stride_tricks.sliding_window_view(np.pad(predicted, 1, mode="edge"), 3)  # jumps between
     for sign in (1.0, -1.0):
         top = np.max(sign * y[good])
         as_expected = (sign * about >= top - same).any(axis=1) & (sign * about <= top + same).any(axis=1)
-        at = good & (sign * y >= top) & ~as_expected
-        rest = good & ~at
-        if at.sum() < _TIES or rest.sum() < 10:
+        at_top = good & (sign * y >= top) & ~as_expected
+        rest = good & ~at_top
+        if at_top.sum() < _TIES or rest.sum() < 10:
             continue
         by_chance = good.sum() * min(1.0, quantum(y) / (np.sqrt(2 * np.pi) * max(noise_of(y, good), 1e-300)))
-        if stats.poisson.sf(at.sum() - 1, by_chance) < level:
-            found |= at
+        if stats.poisson.sf(at_top.sum() - 1, by_chance) < level:
+            values |= at_top
             continue
         X = np.column_stack([np.ones_like(predicted), predicted])
         size = np.linalg.lstsq(X[rest], y[rest], rcond=None)[0]
         spread = float(np.std(y[rest] - X[rest] @ size))
-        beyond = float(np.mean(sign * (X[at] @ size) - top))
+        beyond = float(np.mean(sign * (X[at_top] @ size) - top))
         if beyond > float(stats.norm.isf(level)) * spread + quantum(y):
-            found |= at
-    return found
+            values |= at_top
+    return values
 
 
 def noisy(noises: Mapping[str, float], groups: Sequence[Sequence[str]], level: float) -> list[Finding]:
@@ -186,15 +188,15 @@ def noisy(noises: Mapping[str, float], groups: Sequence[Sequence[str]], level: f
     Logarithms of the noise, each studentised by the other signals of its group (forces and moments
     separately, each about the mean). Groups of less than four signals say nothing.
     """
-    found = []
+    results = []
     for names in groups:
-        own = [name for name in names if noises.get(name, 0.0) > 0]
-        if len(own) < 4:
+        noisy_names = [name for name in names if noises.get(name, 0.0) > 0]
+        if len(noisy_names) < 4:
             continue
-        logs = np.log([noises[name] for name in own])
-        parts = np.array([name[0] == "m" for name in own])
-        for k, name in enumerate(own):
-            rest = np.arange(len(own)) != k
+        logs = np.log([noises[name] for name in noisy_names])
+        parts = np.array([name[0] == "m" for name in noisy_names])
+        for k, name in enumerate(noisy_names):
+            rest = np.arange(len(noisy_names)) != k
             same = rest & (parts == parts[k])
             freedom = rest.sum() - len(set(parts[rest]))
             if not same.any() or freedom < 1:
@@ -206,5 +208,5 @@ def noisy(noises: Mapping[str, float], groups: Sequence[Sequence[str]], level: f
             t = excess / (spread * np.sqrt(1 + 1 / same.sum()))
             if stats.t.sf(t, freedom) < level:
                 factor = float(np.exp(excess))
-                found.append(Finding("noisy", f"{name} noisy", factor, unit="times the others of its kind"))
-    return found
+                results.append(Finding("noisy", f"{name} noisy", factor, unit="times the others of its kind"))
+    return results

@@ -51,11 +51,13 @@ def on_one_clock(times: np.ndarray, signals: Columns, others: np.ndarray) -> One
     if len(bases) == 1:
         anything = np.any(list(filled.values()), axis=0)
         kept = anything | ~others  # lines of other signals only are no samples of these
-        return OneClock(*_without_repeats(times[kept], {n: _at(own, kept) for n, own in signals.items()}))
+        return OneClock(
+            *_without_repeats(times[kept], {n: _at(signal, kept) for n, signal in signals.items()})
+        )
     joints = [sum(signals[name][0] == _LEADS for name in base) for base in bases]
     main = bases[int(np.argmax(joints))] if max(joints) else max(bases, key=len)
-    own = np.any([filled[name] for name in main], axis=0)
-    clock, placed = _without_repeats(times[own], {name: _at(signals[name], own) for name in main})
+    signal = np.any([filled[name] for name in main], axis=0)
+    clock, placed = _without_repeats(times[signal], {name: _at(signals[name], signal) for name in main})
     period, words, slower = float(np.median(np.diff(clock))), [], set[str]()
     for base in bases:
         if base is main:
@@ -83,15 +85,15 @@ def _bases(times: np.ndarray, filled: Mapping[str, np.ndarray]) -> list[list[str
     """Names of the signals that were sampled together."""
     bases: list[tuple[list[str], np.ndarray]] = []
     for name in sorted(filled, key=lambda name: -int(filled[name].sum())):
-        own = filled[name]
+        values = filled[name]
         for names, lines in bases:
-            shared = np.sum(own & lines) >= _TOGETHER * np.sum(own)
-            if shared and (np.sum(own) >= _HALF * np.sum(lines) or not _even(times[own])):
+            shared = np.sum(values & lines) >= _TOGETHER * np.sum(values)
+            if shared and (np.sum(values) >= _HALF * np.sum(lines) or not _even(times[values])):
                 names.append(name)
-                lines |= own
+                lines |= values
                 break
         else:
-            bases.append(([name], own.copy()))
+            bases.append(([name], values.copy()))
     order = list(filled)
     return [sorted(names, key=order.index) for names, _ in bases]
 

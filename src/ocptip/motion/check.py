@@ -217,19 +217,21 @@ class MotionCheck:
     @property
     def collision_text(self) -> str:
         """The checked collisions and the smallest distance, in words."""
-        found = self.collision
-        if not found["checked"]:
+        data = self.collision
+        if not data["checked"]:
             return "not checked: no collision geometry"
-        least = found["least"]
+        least = data["least"]
         gap = f"{1e3 * least['distance_m']:.1f} mm between {' and '.join(least['between'])}"
-        unseen = [" and ".join(pair) for pair in found["unseen"]]
+        unseen = [" and ".join(pair) for pair in data["unseen"]]
         more = f"; not seen, for their solids mostly overlap: {some(unseen, 3)}" if unseen else ""
-        return f"{found['pairs']} pairs ({found['source']}), minimum {gap}; {floor_text(found)}{more}"
+        return f"{data['pairs']} pairs ({data['source']}), minimum {gap}; {floor_text(data)}{more}"
 
     def objects_to_dict(self) -> dict[str, Any]:
         """Plain data for JSON: `objects` with the contacts of each; nothing without any."""
         return (
-            {"objects": {name: own.to_dict() for name, own in self.objects.items()}} if self.objects else {}
+            {"objects": {name: carried.to_dict() for name, carried in self.objects.items()}}
+            if self.objects
+            else {}
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -308,25 +310,25 @@ def check_motion(
         if progress is not None:
             progress(samples, samples + count, None)
         samples += count
-        found = evaluate_limits(robot, motion, kinds, todo, limits.GT)
-        unsolved += found.unsolved
-        uncertified += found.uncertified
-        lost |= dict.fromkeys(found.lost)
+        grid_values = evaluate_limits(robot, motion, kinds, todo, limits.GT)
+        unsolved += grid_values.unsolved
+        uncertified += grid_values.uncertified
+        lost |= dict.fromkeys(grid_values.lost)
         # The grid is refined for the limits that are asked for; what is counted must not depend on them.
-        further = tuple(own.uncounted for own in found.contacts) if contacts else found.contacts
-        contacts, ends = worse_contacts(contacts, further) if contacts else further, found.ends
-        for grid, times, values in zip(grids, todo, found.split(todo), strict=True):
+        further = tuple(item.uncounted for item in grid_values.contacts) if contacts else grid_values.contacts
+        contacts, ends = worse_contacts(contacts, further) if contacts else further, grid_values.ends
+        for grid, times, values in zip(grids, todo, grid_values.split(todo), strict=True):
             if len(times):
                 grid.add(times, values)
         todo = refinements(grids)
-    names = [own.name for own in robot.interfaces]
+    names = [item.name for item in robot.interfaces]
     times = np.concatenate([grid.times for grid in grids])
     values = np.concatenate([grid.values for grid in grids])
     holding, worst = not (lost or unsolved), list[Worst]()
     sampled = Sampled(described, motion, times, lambda time: instants_of(robot, motion, np.array([time])))
     rows = zip(kinds, np.split(values, ends, axis=1), strict=True)
-    for limit, own in sorted(rows, key=lambda row: row[0].scenario):
-        of_limit = limit.worst(own, sampled)
+    for limit, item in sorted(rows, key=lambda row: row[0].scenario):
+        of_limit = limit.worst(item, sampled)
         if limit.scenario == SAMPLED and limit.of_contacts and limit.of_motion:
             # These indices reach 1 where a contact is lost; other limits of contacts are forces and lifts.
             holding &= all(

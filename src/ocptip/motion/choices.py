@@ -118,10 +118,10 @@ def postures_of(arm: ArmModel, target: PoseTarget, limits: Limits) -> np.ndarray
     Raises:
         InputError: out of reach.
     """
-    found = target.postures(arm)
+    result = target.postures(arm)
     margin = np.where(arm.prismatic, 0.0, max(limits.angle_margin, FOUND_MARGIN))
-    far = (found >= arm.limits.angle_min + margin) & (found <= arm.limits.angle_max - margin)
-    return found[far.all(axis=1)] if far.all(axis=1).any() else found
+    far = (result >= arm.limits.angle_min + margin) & (result <= arm.limits.angle_max - margin)
+    return result[far.all(axis=1)] if far.all(axis=1).any() else result
 
 
 def posture_pairs(
@@ -140,7 +140,7 @@ def posture_pairs(
     reasons = [[0], [0]]
     if len(starts) > 1 or len(goals) > 1:
         ends = (robot.resting(0), starts), (robot.resting(1), goals)
-        reasons = [[len(posture_refusals(own, limits, q)) for q in qs] for own, qs in ends]
+        reasons = [[len(posture_refusals(segment_task, limits, q)) for q in qs] for segment_task, qs in ends]
     weights = 1 / np.where(np.isfinite(arm.speed), arm.speed, 1.0)
     ranked = []
     for s, start in enumerate(starts):

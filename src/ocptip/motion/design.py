@@ -39,13 +39,15 @@ def motion_design(task: Task, motion: Trajectory) -> Design:
         InputError: the robot is no arm.
     """
     parts: list[Part] = []
-    for segment, own in zip(task.segments, motion.segments, strict=True):
+    for segment, segment_motion in zip(task.segments, motion.segments, strict=True):
         if not isinstance(robot := segment.task.robot, Robot):
             raise InputError("design: only for arms; this robot is a parallel one")
-        parts.append((robot, own, segment.task.limits))
+        parts.append((robot, segment_motion, segment.task.limits))
 
     def on(support: Support) -> _OnBase:
-        return _OnBase([(robot.varied(support=support), own, limits) for robot, own, limits in parts])
+        return _OnBase(
+            [(robot.varied(support=support), motion_part, limits) for robot, motion_part, limits in parts]
+        )
 
     return smallest_design(parts[0][0].support, on)
 

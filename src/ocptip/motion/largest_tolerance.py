@@ -52,13 +52,13 @@ class LargestTolerance:
         """The result in words; no result proves nothing."""
         cost = f", {self.plan.energy:.1f} J" if self.plan else ""
         nothing = self.plan is None and self.factor == 0
-        found = "no motion with any of it" if nothing else f"a motion with {self.had}{cost}"
+        result = "no motion with any of it" if nothing else f"a motion with {self.had}{cost}"
         if self.not_had is not None:
-            found += f"; none with {self.not_had}"
+            result += f"; none with {self.not_had}"
         if self.at_rest is not None:
-            found += f"; start and goal stand at rest with up to {self.at_rest}"
+            result += f"; start and goal stand at rest with up to {self.at_rest}"
         ended = ", then interrupted" if self.interrupted else ""
-        return f"{found} ({self.plans} plans of {self.starts} starts{ended})"
+        return f"{result} ({self.plans} plans of {self.starts} starts{ended})"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""

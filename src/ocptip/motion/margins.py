@@ -93,7 +93,7 @@ def _rows(robot: StandingMechanism, checked: MotionCheck) -> Iterable[MotionMarg
         yield MotionMargin(TORQUE, of("torque_ratio"), of(TORQUE_WITHIN), *limits, False, shares)
     if CLEARANCE in worst:
         pairs = [worst[name] for name in (CLEARANCE, _CLEARANCE_WITHIN) if name in worst]
-        share = max((own.limit / own.value if own.value > 0 else math.inf) for own in pairs)
+        share = max((pair.limit / pair.value if pair.value > 0 else math.inf) for pair in pairs)
         limits = worst[CLEARANCE].limit, limit(_CLEARANCE_WITHIN)
         nominal, late = of(CLEARANCE), of(_CLEARANCE_WITHIN)
         # A distance that the motion does not change is of no instant, and nothing to plan with.
@@ -138,7 +138,7 @@ def _of_contacts(
 
 def _used(*results: Worst | None) -> float:
     """The largest share of a limit that results use."""
-    return max((own.value / own.limit for own in results if own), default=-math.inf)
+    return max((result.value / result.limit for result in results if result), default=-math.inf)
 
 
 def _changed(result: Worst | None, change: Callable[[float], float]) -> Margin | None:
@@ -148,8 +148,8 @@ def _changed(result: Worst | None, change: Callable[[float], float]) -> Margin |
     return Margin(change(result.value), result.time if math.isfinite(result.time) else None)
 
 
-def _as_factor(at: Margin, worst: WorstInstant | None) -> Margin:
+def _as_factor(margin_at: Margin, worst: WorstInstant | None) -> Margin:
     """The worst friction used; GT above 1 counts an acceleration, a factor on the friction tells more."""
-    if worst is None or at.value <= 1:
-        return at
-    return replace(at, value=1.0 if math.isnan(worst.factor) else worst.factor)
+    if worst is None or margin_at.value <= 1:
+        return margin_at
+    return replace(margin_at, value=1.0 if math.isnan(worst.factor) else worst.factor)

@@ -78,8 +78,8 @@ def families(tasks: list[MotionTask]) -> list[list[MotionTask]]:
 def others(chosen: MotionTask) -> list[MotionTask]:
     """The task with the rise times next to the present one: twice, half, and none."""
     rise = max(cast(tuple[float, ...], chosen.rise_times or (0.0,)))
-    found = [other for other in (2 * rise, 0.5 * rise) if SHORTEST <= other <= LONGEST]
-    tasks = [_possible(chosen, other) for other in (*found, 0.0)] if rise else []
+    results = [other for other in (2 * rise, 0.5 * rise) if SHORTEST <= other <= LONGEST]
+    tasks = [_possible(chosen, other) for other in (*results, 0.0)] if rise else []
     return [one for one in tasks if one is not None]
 
 
@@ -417,8 +417,8 @@ def tolerable(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> f
 def too_much(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> tuple[Uncertainty, float, str]:
     """The quantity that alone is too much for a motion, else everything; the factor that is not; in words."""
     kept = _keeper(robot, motion, limits)
-    found = culprit(limits.tolerance, IN_MOTION, kept)
-    return *found, culprit_words(*found) if kept(Uncertainty()) else UNDESCRIBED
+    result = culprit(limits.tolerance, IN_MOTION, kept)
+    return *result, culprit_words(*result) if kept(Uncertainty()) else UNDESCRIBED
 
 
 def _keeper(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> Callable[[Uncertainty], bool]:
@@ -428,7 +428,7 @@ def _keeper(robot: StandingMechanism, motion: Trajectory, limits: Limits) -> Cal
     times = motion.both_sides(SPACING)
 
     def kept(tolerance: Uncertainty) -> bool:
-        found = worst_of_cases([own.within(tolerance) for own in cases], motion, times)
-        return all(worst.excess <= 0 for limit in kinds for worst in limit.within(found))
+        within_tolerance = worst_of_cases([case.within(tolerance) for case in cases], motion, times)
+        return all(worst.excess <= 0 for limit in kinds for worst in limit.within(within_tolerance))
 
     return kept

@@ -196,15 +196,15 @@ def proved(plan: MotionPlan, prove: Prove, stage: Callable[[str], None] | None =
 
 
 def _proved_segment(plan: MotionPlan, prove: Prove) -> MotionPlan:
-    at = next(k for k, start in enumerate(plan.starts) if start.number == plan.best)
-    before = plan.starts[at]
+    position = next(k for k, start in enumerate(plan.starts) if start.number == plan.best)
+    before = plan.starts[position]
     attempt = Attempt(before, plan.motion, plan.check)
     with one_thread:
         proof = Search(cast(MotionTask, plan.task)).proved(attempt, prove)
     assert proof.motion is not None
     assert proof.check is not None
     starts = [*plan.starts]
-    starts[at] = proof.result.after(before, proof.result)
+    starts[position] = proof.result.after(before, proof.result)
     seconds = plan.seconds + proof.result.seconds
     return replace(plan, motion=proof.motion, check=proof.check, starts=tuple(starts), seconds=seconds)
 
@@ -278,12 +278,12 @@ class _Legs:
             if plan is None:
                 return np.inf
             segment = self._task.segments[k]
-            own = segment.task.objective.cost(plan.energy, plan.duration)
-            return (own + rest_cost(segment, plan.motion.goal)) / segment.task.objective.size
+            cost_here = segment.task.objective.cost(plan.energy, plan.duration)
+            return (cost_here + rest_cost(segment, plan.motion.goal)) / segment.task.objective.size
 
         sizes = [len(layer) for layer in self._layers]
-        found = best_sequences(sizes, cost, self._task.closed, 1)
-        return found[0][1] if found else self._sequences[0]
+        result = best_sequences(sizes, cost, self._task.closed, 1)
+        return result[0][1] if result else self._sequences[0]
 
     def _plan(
         self, leg: Leg, first: int, count: int, total: int, workers: Callable[[], MaybeWorkers], sharing: int

@@ -78,32 +78,34 @@ def evaluate_limits(
     """Values at the listed instants of all grids, in parts that fit into memory; GT may be `most`."""
     times = np.concatenate(todo)
     parts = np.array_split(times, 1 + len(times) // _PART)
-    found = [_evaluated(robot, motion, limits, part, most) for part in parts]
+    results = [_evaluated(robot, motion, limits, part, most) for part in parts]
     return GridValues(
-        values=np.vstack([one.values for one in found]),
-        ends=found[0].ends,
-        unsolved=[time for one in found for time in one.unsolved],
-        uncertified=[time for one in found for time in one.uncertified],
-        lost=tuple(name for one in found for name in one.lost),
-        contacts=reduce(worse_contacts, [one.contacts for one in found]),
+        values=np.vstack([one.values for one in results]),
+        ends=results[0].ends,
+        unsolved=[time for one in results for time in one.unsolved],
+        uncertified=[time for one in results for time in one.uncertified],
+        lost=tuple(name for one in results for name in one.lost),
+        contacts=reduce(worse_contacts, [one.contacts for one in results]),
     )
 
 
 def _evaluated(
     robot: StandingMechanism, motion: Trajectory, limits: tuple[Limit, ...], times: np.ndarray, most: float
 ) -> GridValues:
-    at = instants_of(robot, motion, times)
-    measured = [limit.measure(at) for limit in limits]
-    values, ends = np.hstack(measured), np.cumsum([own.shape[1] for own in measured])[:-1]
+    instants = instants_of(robot, motion, times)
+    measured = [limit.measure(instants) for limit in limits]
+    values, ends = np.hstack(measured), np.cumsum([interface.shape[1] for interface in measured])[:-1]
     values[np.isnan(values)] = np.inf
     unsolved, uncertified, lost = [], [], []
-    for own in at.interfaces:
-        GT, certified = own.largest_slip.GT, own.largest_slip.solved
+    for interface in instants.interfaces:
+        GT, certified = interface.largest_slip.GT, interface.largest_slip.solved
         kept = certified | (most >= GT)  # an upper bound within the limit keeps it
-        uncertified += times[own.states.persistent & ~kept].tolist()
-        unsolved += times[~own.states.solved].tolist()
-        lost += [own.footing.name] * bool(np.any(own.states.solved & ~own.states.persistent))
-    contacts = tuple(ContactMargins.of(own, times) for own in at.interfaces)
+        uncertified += times[interface.states.persistent & ~kept].tolist()
+        unsolved += times[~interface.states.solved].tolist()
+        lost += [interface.footing.name] * bool(
+            np.any(interface.states.solved & ~interface.states.persistent)
+        )
+    contacts = tuple(ContactMargins.of(interface, times) for interface in instants.interfaces)
     return GridValues(values, ends, unsolved, uncertified, tuple(lost), contacts)
 
 
@@ -120,7 +122,7 @@ def refinements(grids: list[IntervalValues]) -> list[np.ndarray]:
     An end of an interval is none where the quantity goes on rising continuously in the next interval.
     """
     new: list[list[np.ndarray]] = [[] for _ in grids]
-    first, last = (np.array([grid.values[at] for grid in grids]) for at in (0, -1))
+    first, last = (np.array([grid.values[end] for grid in grids]) for end in (0, -1))
     with np.errstate(invalid="ignore"):  # infinite values
         joined = np.abs(first[1:] - last[:-1]) <= _CONTINUOUS * np.maximum(1.0, np.abs(last[:-1]))
     nothing = np.full((1, first.shape[1]), -np.inf)

@@ -114,24 +114,24 @@ class CheckedMotion:
     @property
     def headline(self) -> str:
         """The verdict of the motion and of its stops, in capital letters, and what it is about."""
-        own = self.check.headline
+        text = self.check.headline
         if STOPS in self.left_out and self.check.verified:
-            return f"{own}; stops NOT CHECKED, the time was up"
+            return f"{text}; stops NOT CHECKED, the time was up"
         if not self.stops or not self.check.verified:
-            return own
+            return text
         if self.verified:
             kinds = {scenario for stops in self.stops.values() for scenario in SCENARIOS[stops.kinds]}
             others = kinds != {"cancel"}
             sampled = f"CHECKED at samples{' in the nominal model' if self.check.within and others else ''}"
             if self.certificate is None or not self.certificate.cancels:
-                return f"{own}; stops {sampled}"
+                return f"{text}; stops {sampled}"
             base, sampled_too = (" of the base", "objects, ") if self.check.objects else ("", "")
-            own += f"; cancels PROVED to lose no contact{base}, their {sampled_too}clearance and torques "
-            own += "CHECKED at samples"
-            return f"{own}; other stops {sampled}" if others else own
+            text += f"; cancels PROVED to lose no contact{base}, their {sampled_too}clearance and torques "
+            text += "CHECKED at samples"
+            return f"{text}; other stops {sampled}" if others else text
         if any(stops.unknown for stops in self.stops.values()) and not self.broken:
-            return f"NOT KNOWN in stops by brakes (give brake torques); the motion itself is {own}"
-        return broken_in_stops(own)
+            return f"NOT KNOWN in stops by brakes (give brake torques); the motion itself is {text}"
+        return broken_in_stops(text)
 
     @property
     def broken(self) -> tuple[str, ...]:
@@ -140,19 +140,19 @@ class CheckedMotion:
         return tuple(broken_words(self.task.robot, (*self.check.violations, *of_stops)))
 
 
-def brief(title: str, found: CheckedMotion) -> str:
+def brief(title: str, checked_motion: CheckedMotion) -> str:
     """Verdict, duration and energy, broken limits, margins, robustness."""
-    checked = found.check
-    missing = [f"Missing {found.unproved}"] if found.unproved else []
+    checked = checked_motion.check
+    missing = [f"Missing {checked_motion.unproved}"] if checked_motion.unproved else []
     rows = [
-        f"{title}   {found.headline}",
+        f"{title}   {checked_motion.headline}",
         motion_line(checked),
         *missing,
-        *(f"Broken  {text}" for text in found.broken),
+        *(f"Broken  {text}" for text in checked_motion.broken),
         "",
     ]
-    rows += [*margin_table(found.task.robot, checked), *proof_lines(checked)]
-    return "\n".join([*rows, "", *robustness_lines(found.robustness)])
+    rows += [*margin_table(checked_motion.task.robot, checked), *proof_lines(checked)]
+    return "\n".join([*rows, "", *robustness_lines(checked_motion.robustness)])
 
 
 _NEAR = 0.5  # share of a limit in use from which it is called critical
@@ -196,17 +196,17 @@ def _title(row: MotionMargin) -> str:
     return f"{'Min normal force' if row.name == FOOT_FORCE else TITLES[row.name]}, {row.object}"
 
 
-def at_text(row: MotionMargin, at: Margin | None) -> str:
+def at_text(row: MotionMargin, instant: Margin | None) -> str:
     """A value and when it occurs."""
-    if at is None:
+    if instant is None:
         return "-"
-    if math.isinf(at.value):  # no friction holds what tips; without solids no clearance is limited
+    if math.isinf(instant.value):  # no friction holds what tips; without solids no clearance is limited
         return "none holds" if row.name == "friction_used" else "unlimited"
-    text = _value(row.name, at.value)
+    text = _value(row.name, instant.value)
     # Rounded to the limit, a value could contradict the verdict.
-    if row.limit is not None and text == _value(row.name, row.limit) and at.value != row.limit:
-        text = _value(row.name, at.value, 6)
-    return text + (f" @{max(at.time, 0.0):.3f}s" if at.time is not None else "")
+    if row.limit is not None and text == _value(row.name, row.limit) and instant.value != row.limit:
+        text = _value(row.name, instant.value, 6)
+    return text + (f" @{max(instant.time, 0.0):.3f}s" if instant.time is not None else "")
 
 
 def _limit(row: MotionMargin, within: bool) -> str:

@@ -179,31 +179,31 @@ def refusals(task: MotionTask, *, at_rest: bool = True) -> tuple[str, ...]:
     motion has just begun, with all joints moving that have to. Without `at_rest` start and goal are not
     checked.
     """
-    limits, found = task.robot.limits, []
+    limits, results = task.robot.limits, []
     if task.robot.varying is not None and task.robot.varying.over == PATH:
-        found.append(
+        results.append(
             "process: varies over path, which is not known before there is a motion; plans follow it over "
             "time_s or share, ocptip retime over path_m"
         )
     for name, values in (("speed", limits.speed), ("acceleration", limits.acceleration)):
         if numbers := [str(j + 1) for j in np.flatnonzero(~np.isfinite(values))]:
-            found.append(f"joints without {name} limit: {', '.join(numbers)}; every joint needs one")
-    if not found:
+            results.append(f"joints without {name} limit: {', '.join(numbers)}; every joint needs one")
+    if not results:
         ends = earliest_end(task.goal - task.start, limits.speed, limits.acceleration)
         ends = ends + np.array(task.rise_times or 0.0)
         least, most = float(np.max(ends)), min(task.limits.max_duration, LONGEST)
         allowed = "are allowed" if most < LONGEST else "is the longest motion that is planned"
         if least > most:
-            found.append(
+            results.append(
                 f"max_duration: joint {int(np.argmax(ends)) + 1} needs {least:.4g} s at its limits, "
                 f"{most:.4g} s {allowed}"
             )
         elif task.limits.min_duration > most:
-            found.append(f"duration: is {task.limits.min_duration:.4g} s, {most:.4g} s {allowed}")
+            results.append(f"duration: is {task.limits.min_duration:.4g} s, {most:.4g} s {allowed}")
     postures = (("start", task.start, 0), ("goal", task.goal, 1)) if at_rest else ()
     for where, angles, share in postures:
-        found += [f"{where}: {reason}" for reason in end_refusals(task, share, angles)]
-    return (*found, *_brake_refusals(task))
+        results += [f"{where}: {reason}" for reason in end_refusals(task, share, angles)]
+    return (*results, *_brake_refusals(task))
 
 
 def _brake_refusals(task: MotionTask) -> list[str]:
@@ -272,11 +272,11 @@ def _possible_payload(task: MotionTask) -> str:
     robot = task.robot
     if not isinstance(robot, Robot) or robot.payload is None or robot.tip_over.free_rotation:
         return ""
-    found = []
+    results = []
     for place, q, share in (("start", task.start, 0), ("goal", task.goal, 1)):
         largest = largest_payloads(robot.resting(share), task.limits, q[None], robot.mass)
-        found.append((float(largest.masses[0]), place, largest.names[largest.limits[0]]))
-    mass, place, limit = min(found)
+        results.append((float(largest.masses[0]), place, largest.names[largest.limits[0]]))
+    mass, place, limit = min(results)
     if mass >= robot.payload.mass:
         return ""
     return (

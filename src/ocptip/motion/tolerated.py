@@ -118,10 +118,10 @@ class Tolerated:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        own = dict(vars(self))
-        between, drives = own.pop("between"), own.pop("drives")
-        own |= {"drives": drives} if drives is not None else {}
-        return own | ({"between": list(between)} if between else {})
+        data = dict(vars(self))
+        between, drives = data.pop("between"), data.pop("drives")
+        data |= {"drives": drives} if drives is not None else {}
+        return data | ({"between": list(between)} if between else {})
 
 
 def _stiffness_text(value: float) -> str:
@@ -171,15 +171,15 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     def largest(
         quantity: str, unit: str, scale: float, most: float, *searched: Any, times: np.ndarray = parts.times
     ) -> Tolerated:
-        found = contacts.largest(most, *searched)
-        lost = found.row >= 0
-        time = float(times[found.row]) if lost else np.nan
-        return Tolerated(quantity, float(scale * found.level), unit, not lost, time, found.how)
+        result = contacts.largest(most, *searched)
+        lost = result.row >= 0
+        time = float(times[result.row]) if lost else np.nan
+        return Tolerated(quantity, float(scale * result.level), unit, not lost, time, result.how)
 
     most_push = float(np.linalg.norm(free)) * robot.mass
     mass = largest("extra_mass", "kg", 1.0, robot.mass, alone(lambda m: nominal + m * parts.extra))
     times, late = _late(robot, motion)
-    found = [
+    results = [
         largest("tilt", "deg", np.degrees(1.0), TILT, tilts, slopes(free)),
         replace(mass, drives=parts.held_by_drives(robot, motion)),
         largest("push", "N", 1.0, most_push, forces, pushes(free)),
@@ -188,7 +188,7 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
         largest("delay", "ms", 1e3, DELAY, lambda _: late, times=times),
         _stiffness(robot, motion),
     ]
-    return tuple(one for one in found if one is not None)
+    return tuple(one for one in results if one is not None)
 
 
 def robustness(task: Task, motion: Trajectory) -> tuple[Tolerated, ...]:
@@ -197,15 +197,17 @@ def robustness(task: Task, motion: Trajectory) -> tuple[Tolerated, ...]:
     Times are from the begin of the first segment.
     """
     least: dict[str, Tolerated] = {}
-    for segment, own, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
+    for segment, segment_motion, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
         robot = segment.task.robot
-        for found in tolerated(robot, own) if isinstance(robot, Robot) and not robot.objects else ():
-            placed = replace(found, time=float(begin) + found.time)
-            if segment.name and not found.at_most:
-                placed = replace(placed, how=f"segment {segment.name}: {found.how}")
-            before = least.get(found.quantity)
+        for result in (
+            tolerated(robot, segment_motion) if isinstance(robot, Robot) and not robot.objects else ()
+        ):
+            placed = replace(result, time=float(begin) + result.time)
+            if segment.name and not result.at_most:
+                placed = replace(placed, how=f"segment {segment.name}: {result.how}")
+            before = least.get(result.quantity)
             if before is None or _worse(placed, before):
-                least[found.quantity] = placed
+                least[result.quantity] = placed
     return tuple(least.values())
 
 
@@ -235,13 +237,13 @@ def _least_friction(
     def near(low: float, high: float) -> bool:
         return high - low <= 0.5 * CLOSE or high <= 1e-3
 
-    factor, found = 1.0, contacts.lost(wrenches)
-    if found is None:
+    factor, result = 1.0, contacts.lost(wrenches)
+    if result is None:
         # The friction used is the factor that contacts need; each factor evaluated takes another solver.
         used = float(np.max(known(robot.slip.greatest(wrenches))))
         factor, (row, how) = bisected(lost, 1.0, 0.0, (-1, "slips"), near, lambda factor: factor <= used)
     else:
-        row, how = found
+        row, how = result
     if row < 0:  # it needs next to no friction
         return Tolerated("friction", factor, "", True, np.nan, "")
     return Tolerated("friction", factor, "", False, float(times[row]), how)
@@ -249,15 +251,15 @@ def _least_friction(
 
 def _stiffness(robot: Robot, motion: Trajectory) -> Tolerated | None:
     """The minimum stiffness of feet; None where it is not known."""
-    found = softest_feet(robot, motion)
-    if found is None:
+    result = softest_feet(robot, motion)
+    if result is None:
         return None
-    lost, between = found.lost, found.between
+    lost, between = result.lost, result.between
     if lost is None or lost.time is None:
-        return Tolerated("foot_stiffness", found.least, "N/m", True, np.nan, "", between)
+        return Tolerated("foot_stiffness", result.least, "N/m", True, np.nan, "", between)
     what = "lifts" if lost.value < 0 else f"moves by more than {1e3 * FALLEN:.0f} mm"
     how = f"contact {lost.contacts[0]} {what}"
-    return Tolerated("foot_stiffness", found.least, "N/m", False, lost.time, how, between)
+    return Tolerated("foot_stiffness", result.least, "N/m", False, lost.time, how, between)
 
 
 def _towards(side: np.ndarray, word: str, loads: Loads) -> Deviation:
@@ -271,8 +273,8 @@ def _direction(side: np.ndarray) -> str:
 
 def _knots(robot: Robot, motion: Trajectory) -> np.ndarray:
     """(K,) s, within the motion, of what acts."""
-    own = robot.acts.knots
-    return own[(own > 0) & (own < motion.end)]
+    knots = robot.acts.knots
+    return knots[(knots > 0) & (knots < motion.end)]
 
 
 def _late(robot: Robot, motion: Trajectory) -> tuple[np.ndarray, list[Deviation]]:

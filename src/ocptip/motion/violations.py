@@ -83,7 +83,9 @@ _STATED = {"GN": "tip_over_index", "GT": "friction_utilisation"}
 def result_unit(name: str) -> tuple[str, float]:
     """The unit of a result for people, and its factor; empty and 1 for pure numbers and further limits."""
     result = _parted(name)[0] if name.partition("[")[0] in RESULT_TITLES else ""
-    return next((own for end, own in _UNITS.items() if end in result and own[0] != "%"), ("", 1.0))
+    return next(
+        (unit_of for end, unit_of in _UNITS.items() if end in result and unit_of[0] != "%"), ("", 1.0)
+    )
 
 
 def result_title(name: str) -> str:
@@ -114,7 +116,7 @@ def statement(text: str) -> Worst:
 
 def stated(violations: Iterable[Worst]) -> list[str]:
     """Sentences on broken limits for JSON, with the names of the indices instead of their symbols."""
-    return [sentence(own, _OF_CONTACTS.get(own.name, ("",))[0]) for own in violations]
+    return [sentence(violation, _OF_CONTACTS.get(violation.name, ("",))[0]) for violation in violations]
 
 
 def sentence(broken: Worst, index: str = "") -> str:
@@ -143,7 +145,7 @@ def _words(robot: StandingMechanism, broken: Worst) -> str:
     values = [broken.value, broken.limit]
     if result not in _OF_CONTACTS:
         title = result_title(broken.name).removesuffix(" / limit").replace(" / limit,", ",")
-        unit, scale = next((own for end, own in _UNITS.items() if end in result), (broken.unit, 1.0))
+        unit, scale = next((unit_of for end, unit_of in _UNITS.items() if end in result), (broken.unit, 1.0))
         values = [scale * value for value in values]
     else:
         index, when = _OF_CONTACTS[result]
@@ -153,7 +155,7 @@ def _words(robot: StandingMechanism, broken: Worst) -> str:
         title = f"{_QUANTITIES[index]}{of and f' of {of}'}{when}"
         unit, values = "%", [100 * value for value in values]
         if index == "GN":
-            footing = next((own for own in robot.interfaces if own.name == of), robot)
+            footing = next((unit_of for unit_of in robot.interfaces if unit_of.name == of), robot)
             reference = footing.tip_over.reference_moment
             unit, sign = "N m", ">="
             values = [moment_at(value, reference) for value in (broken.value, broken.limit)]

@@ -116,7 +116,7 @@ class PointFunction:
             One new array per output: (rows,) for a column vector, (rows, columns) for a matrix.
         """
         with self._lock:
-            for own, given in zip(self._arguments, arguments, strict=True):
-                own[:] = np.ravel(given, order="F")
+            for argument, given in zip(self._arguments, arguments, strict=True):
+                argument[:] = np.ravel(given, order="F")
             self._run()
             return [r[:, 0].copy() if r.shape[1] == 1 else r.copy() for r in self._results]

@@ -14,7 +14,7 @@ def bisected(
     find: Callable[[float], T | None],
     without: float,
     having: float,
-    found: T,
+    result: T,
     near: Callable[[float, float], bool],
     likely: Callable[[float], bool] | None = None,
 ) -> tuple[float, T]:
@@ -35,7 +35,7 @@ def bisected(
     if likely is not None:
         presumed = bisected(lambda value: value if likely(value) else None, without, having, having, near)
         results = [find(end) if end not in (without, having) else None for end in presumed]
-        last = found if presumed[1] == having else results[1]
+        last = result if presumed[1] == having else results[1]
         if results[0] is None and last is not None:
             return presumed[0], last
     while not near(*sorted((without, having))):
@@ -44,8 +44,8 @@ def bisected(
         if new is None:
             without = middle
         else:
-            having, found = middle, new
-    return without, found
+            having, result = middle, new
+    return without, result
 
 
 def border(

@@ -46,8 +46,8 @@ def union(first: RigidBody, second: RigidBody) -> RigidBody:
     """The two bodies, of which one has mass, as one."""
     mass = first[0] + second[0]
     centre = (first[0] * first[1] + second[0] * second[1]) / mass
-    own, other = (inertia + parallel_axis(m, c - centre) for m, c, inertia in (first, second))
-    return mass, centre, own + other
+    inertia_first, other = (inertia + parallel_axis(m, c - centre) for m, c, inertia in (first, second))
+    return mass, centre, inertia_first + other
 
 
 def why_impossible(inertia: np.ndarray, rounding: float) -> str:

@@ -45,11 +45,11 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
     for k in range(count):
         chosen[k] = bounded + k
     x, tried = np.zeros(n), np.zeros(n, np.bool_)
-    basis, R, parts, own = np.zeros((n, len(b))), np.zeros((n, n)), np.zeros(n), np.zeros(n, np.bool_)
+    basis, R, parts, projected = np.zeros((n, len(b))), np.zeros((n, n)), np.zeros(n), np.zeros(n, np.bool_)
     lefts = np.zeros((n + 1, len(b)))
     for i in range(len(b)):
         lefts[0, i] = b[i]
-    left = _least_squares(columns, chosen[:count], 0, x, basis, R, parts, own, lefts)
+    left = _least_squares(columns, chosen[:count], 0, x, basis, R, parts, projected, lefts)
     for _ in range(3 * max(n, 1)):
         new, steepest = -1, _SLOPE
         for k in range(bounded):
@@ -60,7 +60,7 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
             return x, True
         chosen[count] = new
         wanted = np.zeros(n)
-        rest = _least_squares(columns, chosen[: count + 1], count, wanted, basis, R, parts, own, lefts)
+        rest = _least_squares(columns, chosen[: count + 1], count, wanted, basis, R, parts, projected, lefts)
         # A column that depends on the chosen ones would enter and leave for ever: it is not tried again until
         # another one helped.
         if wanted[new] <= _ZERO:  # depends on the others, but for rounding
@@ -81,23 +81,23 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
             # Columns before the first one that leaves keep their factors: only those after it are computed
             # again.
             kept, same = 0, count
-            for at in range(count):
-                k = chosen[at]
+            for index in range(count):
+                k = chosen[index]
                 if k >= bounded or x[k] > _ZERO:
                     chosen[kept] = k
                     kept += 1
                 else:
-                    x[k], same = 0.0, min(same, at)
+                    x[k], same = 0.0, min(same, index)
             count = kept
             for k in range(n):
                 wanted[k] = 0.0
-            rest = _least_squares(columns, chosen[:count], same, wanted, basis, R, parts, own, lefts)
+            rest = _least_squares(columns, chosen[:count], same, wanted, basis, R, parts, projected, lefts)
         x, left = wanted, rest
     return x, False
 
 
 @compiled
-def _least_squares(columns, chosen, known, x, basis, R, parts, own, lefts):
+def _least_squares(columns, chosen, known, x, basis, R, parts, projected, lefts):
     """Puts the best x of the chosen columns into x, and returns b = lefts[0] less their sum.
 
     Each column is made orthogonal to those before it twice; one that depends on them gets 0. The results of
@@ -112,23 +112,23 @@ def _least_squares(columns, chosen, known, x, basis, R, parts, own, lefts):
         # them.
         for _ in range(2):
             for j in range(k):
-                if own[j]:
+                if projected[j]:
                     share = _product(basis[j], column)
                     R[j, k] += share
                     for i in range(len(column)):
                         column[i] -= share * basis[j, i]
         R[k, k] = np.sqrt(_product(column, column))
-        own[k] = R[k, k] > _DEPENDENT
+        projected[k] = R[k, k] > _DEPENDENT
         for i in range(len(left)):
             left[i] = lefts[k, i]
-        if own[k]:
+        if projected[k]:
             for i in range(len(column)):
                 basis[k, i] = column[i] / R[k, k]
             parts[k] = _product(basis[k], left)
             for i in range(len(left)):
                 left[i] -= parts[k] * basis[k, i]
     for k in range(size - 1, -1, -1):
-        if own[k]:
+        if projected[k]:
             total = parts[k]
             for j in range(k + 1, size):
                 total -= R[k, j] * x[chosen[j]]

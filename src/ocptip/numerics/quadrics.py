@@ -77,10 +77,10 @@ def follow(
         h = np.minimum(step[on], 1.0 - t[on])
         there = np.where(step[on] >= 1.0 - t[on], 1.0, t[on] + h)
         guess = _predicted(way, y[on], t[on], h)
-        found, first, last = _corrected(way.forms(there), guess, y[on].conj())
+        result, first, last = _corrected(way.forms(there), guess, y[on].conj())
         good = (last < 1e-9) & (first < 100.0 * tolerance)
         moved = on[good]
-        y[moved] = found[good] / np.linalg.norm(found[good], axis=1, keepdims=True)
+        y[moved] = result[good] / np.linalg.norm(result[good], axis=1, keepdims=True)
         t[moved] = there[good]
         # The error of the predictor is of fifth order in the step, and the first Newton step measures it.
         wish = 0.8 * (tolerance / np.maximum(first, 1e-30)) ** 0.2
@@ -93,9 +93,9 @@ def _predicted(way: Deformation, y: np.ndarray, t: np.ndarray, h: np.ndarray) ->
     # Solutions are defined up to a factor; the plane through y at right angles to it removes that freedom.
     patch = y.conj()
 
-    def slope(at: np.ndarray, t: np.ndarray) -> np.ndarray:
-        moved = np.einsum("pi,pnij,pj->pn", at, way.slopes(t), at)
-        return _solved(_jacobian(way.forms(t), at, patch), -moved)
+    def slope(y: np.ndarray, t: np.ndarray) -> np.ndarray:
+        moved = np.einsum("pi,pnij,pj->pn", y, way.slopes(t), y)
+        return _solved(_jacobian(way.forms(t), y, patch), -moved)
 
     wide = h[:, None]
     a = slope(y, t)
@@ -129,8 +129,8 @@ def _solved(matrices: np.ndarray, values: np.ndarray) -> np.ndarray:
     right = np.concatenate([values, np.zeros((len(values), 1))], axis=1)[..., None]
     matrices = np.where(np.isfinite(matrices), matrices, 0.0)
     try:
-        found = np.linalg.solve(matrices, right)[..., 0]
-        return np.where(np.abs(found) < _HUGE, found, 0.0) + np.where(np.abs(found) < _HUGE, 0.0, _HUGE)
+        result = np.linalg.solve(matrices, right)[..., 0]
+        return np.where(np.abs(result) < _HUGE, result, 0.0) + np.where(np.abs(result) < _HUGE, 0.0, _HUGE)
     except np.linalg.LinAlgError:
         out = np.full(right.shape[:2], _HUGE + 0j)
         for p in range(len(values)):
@@ -154,12 +154,12 @@ def polished(forms: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         radius (P,) within which it is the only one in the plane at right angles to y.
     """
     y = y / np.linalg.norm(y, axis=1, keepdims=True)
-    found, _, _ = _corrected(np.broadcast_to(forms, (len(y), *forms.shape)), y, y.conj(), steps=4)
-    size = np.linalg.norm(found, axis=1, keepdims=True)
-    found = found / np.where(size > 0, size, 1.0)
+    result, _, _ = _corrected(np.broadcast_to(forms, (len(y), *forms.shape)), y, y.conj(), steps=4)
+    size = np.linalg.norm(result, axis=1, keepdims=True)
+    result = result / np.where(size > 0, size, 1.0)
     around, alone = np.full(len(y), np.inf), np.zeros(len(y))
     curvature = 2.0 * float(np.sqrt(np.sum(np.linalg.norm(forms, ord=2, axis=(1, 2)) ** 2)))
-    for p, one in enumerate(found):
+    for p, one in enumerate(result):
         J = np.vstack([2.0 * forms @ one, one.conj()])
         values = np.linalg.svd(J, compute_uv=False)
         if values[-1] < _REGULAR:
@@ -170,7 +170,7 @@ def polished(forms: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, 
         b, m = (np.linalg.norm(defect) + rounding) / values[-1], curvature / values[-1]
         if 2.0 * b * m < 1.0:
             around[p], alone[p] = 2.0 * b, 1.0 / m
-    return found, around, alone
+    return result, around, alone
 
 
 def distinct(y: np.ndarray, apart: float = 1e-7) -> np.ndarray:

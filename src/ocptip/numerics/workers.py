@@ -162,14 +162,14 @@ class Cluster(Executor):
         inner, outer = self._executor.submit(_alone, function, *arguments, **named), Future()
         outer.add_done_callback(lambda one: one.cancelled() and inner.cancel())
 
-        def done(found: Future) -> None:
+        def done(future: Future) -> None:
             if not outer.set_running_or_notify_cancel():
                 return None
-            if found.cancelled():
+            if future.cancelled():
                 return outer.set_exception(WorkerDiedError("the cluster has dropped it"))
-            error = found.exception()
+            error = future.exception()
             if error is None:
-                return outer.set_result(found.result())
+                return outer.set_result(future.result())
             if isinstance(error, self._killed):
                 error = WorkerDiedError(f"its workers died again and again (out of memory?): {error}")
             return outer.set_exception(error)

@@ -170,11 +170,11 @@ def joints_of_branch(
         target = base.inverse(minus(cs.vertsplit(point), origin))
         point_start = start_position + start_rotation @ leg.coupling_point - leg.origin
         branch = nearest_branch(leg, leg.base_matrix.T @ point_start, at_start[number])
-        found = leg_solution(leg, target, branch, lambda entry: symbol_of(entry, geometry))
-        columns.append(cs.vertcat(*found.q))
-        stretch = [(length / _length(leg, at_start[number])) ** 2 for length in found.lengths]
-        measures += [*found.measures.values(), *(cs.fmin(value, 1) for value in stretch)]
-        names += [f"leg {number + 1} {name}" for name in (*found.measures, *["length"] * len(stretch))]
+        result = leg_solution(leg, target, branch, lambda entry: symbol_of(entry, geometry))
+        columns.append(cs.vertcat(*result.q))
+        stretch = [(length / _length(leg, at_start[number])) ** 2 for length in result.lengths]
+        measures += [*result.measures.values(), *(cs.fmin(value, 1) for value in stretch)]
+        names += [f"leg {number + 1} {name}" for name in (*result.measures, *["length"] * len(stretch))]
     return cs.horzcat(*columns), measures, names
 
 

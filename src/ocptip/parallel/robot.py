@@ -106,11 +106,11 @@ class ParallelRobot(MadeOf):
             guess: joint positions nearby, per leg.
         """
         z, s, sd = self._state(z, zd, zdd)
-        found = self.kinematics.joints(z, guess)
-        motion = self.kinematics.motion(z, s, found.q, complete=True)
+        result = self.kinematics.joints(z, guess)
+        motion = self.kinematics.motion(z, s, result.q, complete=True)
         legs = motion.legs
         qdd = tuple(leg.Jq @ sd + leg.drift for leg in legs)
-        return JointRates(found.q, tuple(leg.qd for leg in legs), qdd, found.residual)
+        return JointRates(result.q, tuple(leg.qd for leg in legs), qdd, result.residual)
 
     def jacobian(self, z: ArrayLike, q: Joints = None) -> np.ndarray:
         """J_a (n_a, m): q_a' = J_a s'."""
@@ -249,9 +249,9 @@ class ParallelRobot(MadeOf):
         """Forces and moments in all joints and at the leg ends; arguments as :meth:`inverse_dynamics`."""
         z, s, sd = self._state(z, zd, zdd)
         motion = self._regular_motion(z, s, q, complete=True)
-        found = joint_reactions(self.kinematics, motion, sd, self._gravity(gravity), _wrench(wrench))
-        _require_balance(found.residual, "motors and closures")
-        return found
+        result = joint_reactions(self.kinematics, motion, sd, self._gravity(gravity), _wrench(wrench))
+        _require_balance(result.residual, "motors and closures")
+        return result
 
     def energy(self, z: ArrayLike, s: ArrayLike, q: Joints = None) -> tuple[float, float]:
         """Kinetic and potential energy, J; drives included, friction not."""
@@ -314,15 +314,15 @@ class ParallelRobot(MadeOf):
         """Joint positions that are given, or of the home assembly (`anywhere`: of any)."""
         complete = self._complete if complete is None else complete
         if q is None:
-            found = self.kinematics.joints(z) if complete else self.kinematics.point_joints(z)
-            if found.searched and not anywhere:
-                legs = ", ".join(str(leg + 1) for leg in found.searched)
+            result = self.kinematics.joints(z) if complete else self.kinematics.point_joints(z)
+            if result.searched and not anywhere:
+                legs = ", ".join(str(leg + 1) for leg in result.searched)
                 raise SolverError(
                     f"{self.description.name}: leg {legs} cannot be followed on the straight line from home "
                     f"to {np.round(z, 6).tolist()}: a singular pose or the end of its reach lies between; "
                     "give joint positions `q` of the assembly that is meant"
                 )
-            return found.q
+            return result.q
         legs = self.kinematics.legs
         if len(q) != len(legs):
             raise InputError(f"q: expected one array per leg, {len(legs)}, got {len(q)}")

@@ -143,10 +143,10 @@ class _Searched:
         return self._robot.energy(z, s, self._at(z))
 
     def _at(self, z: np.ndarray) -> tuple[np.ndarray, ...]:
-        found = self._solve(z, self._last)
-        self._last = found.q
-        self.closure = max(self.closure, found.residual)
-        return found.q
+        result = self._solve(z, self._last)
+        self._last = result.q
+        self.closure = max(self.closure, result.residual)
+        return result.q
 
 
 def _law(motors: MotorLaw | Sequence[float] | None, shape: tuple[int]) -> MotorLaw:
@@ -251,8 +251,8 @@ def _closed_form(robot: ParallelRobot, start: np.ndarray) -> tuple[cs.Function, 
     plans = choose_plans(description, layout, [True] * layout.size, "tau_s")
     arguments = projection_arguments(description, (z, s, sd), q, quasi=True)
     projection = Projection(description, layout, plans, arguments)
-    own = cs.vertsplit(arguments.inertia[layout.platform_slice])
-    potential = potential_energy(projection.platform, own, projection.legs, projection.gravity)
+    parts = cs.vertsplit(arguments.inertia[layout.platform_slice])
+    potential = potential_energy(projection.platform, parts, projection.legs, projection.gravity)
     rates = cs.vertcat(*euler_rates(projection.platform, cs.vertsplit(s)))
     gap = cs.norm_inf(cs.vec(projection.closures()))
     ends = [gap, cs.mmin(cs.vertcat(1, *measures)), cs.vertcat(*measures)]
@@ -297,10 +297,10 @@ def _forward(
     mass = cs.densify(cs.jacobian(force, sd))
     right = jacobian.T @ motors - cs.substitute(force, sd, cs.SX.zeros(sd.numel()))
     pivots, upper, order = cs.ldl(mass, False)
-    found = cs.ldl_solve(right, pivots, upper, order)
+    result = cs.ldl_solve(right, pivots, upper, order)
     energy = cs.vertcat(cs.dot(s, mass @ s) / 2, potential)
     gap, *others = ends
     pivot = cs.mmin(pivots / cs.fabs(cs.diag(mass)))
-    results = list(map(cs.densify, [rates, found, energy, gap, pivot, *others]))
+    results = list(map(cs.densify, [rates, result, energy, gap, pivot, *others]))
     results.insert(3, cs.sum1(cs.vertcat(*results)))  # finite only if all are
     return cs.Function("forward", [z, s, motors, q], [cs.vertcat(*cs.cse(results))])

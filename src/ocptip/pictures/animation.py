@@ -104,8 +104,8 @@ class Moving:
     def text(self, k: int) -> str:
         """Time and values at instant k."""
         values = [
-            f"{label.partition(' [')[0]} {own[k]:.3g} {label.partition(' [')[2].rstrip(']')}".rstrip()
-            for label, own in list(self.curves.items())[:2]
+            f"{label.partition(' [')[0]} {curve[k]:.3g} {label.partition(' [')[2].rstrip(']')}".rstrip()
+            for label, curve in list(self.curves.items())[:2]
         ]
         return ", ".join([f"{self.times[k]:.2f} s", *values])
 
@@ -131,23 +131,23 @@ def save_animation(shown: Sequence[Moving], path: str | os.PathLike[str]) -> Pat
     instants = times[0] + frame_times(span)
     rows = np.abs(times - instants[:, None]).argmin(axis=1)
     figure = new_figure(_WIDTH * len(shown), _VIEW + _PANEL * max(len(_drawn(one)) for one in shown))
-    columns = [_MovingView(figure, number, len(shown), own) for number, own in enumerate(shown)]
+    columns = [_MovingView(figure, number, len(shown), moving) for number, moving in enumerate(shown)]
     for label in set.intersection(*(set(one.panels) for one in columns)):  # one scale side by side
         ends = [one.panels[label].get_ylim() for one in columns]
         for one in columns:
             one.panels[label].set_ylim(min(low for low, _ in ends), max(high for _, high in ends))
     colors = "green: contact forces; red: nearest tipping axis; magenta: zero-moment point; "
     played = speed_text(speed_of(span)) if span > 0 else "stands still"
-    style.note(figure, f"{colors if any(own.ground is not None for own in shown) else ''}{played}")
+    style.note(figure, f"{colors if any(moving.ground is not None for moving in shown) else ''}{played}")
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # panels stay where they are
 
     def frame(k: int) -> Any:
-        for column, own in zip(columns, shown, strict=True):
-            column.show(k, f"{own.name}\n{own.text(k)}")
+        for column, curve in zip(columns, shown, strict=True):
+            column.show(k, f"{curve.name}\n{curve.text(k)}")
         return drawn(figure, _DPI)
 
-    write_movie(path, [frame(int(k)) for k in rows], " and ".join(own.name for own in shown))
+    write_movie(path, [frame(int(k)) for k in rows], " and ".join(moving.name for moving in shown))
     return path
 
 
@@ -158,8 +158,8 @@ def still_figure(shown: Moving, k: int) -> Figure:
     return figure
 
 
-def _drawn(own: Moving) -> list[tuple[str, np.ndarray]]:
-    return list(own.curves.items())[:_CURVES]
+def _drawn(moving: Moving) -> list[tuple[str, np.ndarray]]:
+    return list(moving.curves.items())[:_CURVES]
 
 
 class _MovingView:
@@ -171,21 +171,21 @@ class _MovingView:
         own: what is shown.
     """
 
-    def __init__(self, figure: Any, number: int, count: int, own: Moving) -> None:
-        self._own, ground, curves = own, own.ground, _drawn(own)
+    def __init__(self, figure: Any, number: int, count: int, moving: Moving) -> None:
+        self._own, ground, curves = moving, moving.ground, _drawn(moving)
         grid = figure.add_gridspec(1 + len(curves), count, height_ratios=[_VIEW, *[_PANEL] * len(curves)])
         ax = self._ax = figure.add_subplot(grid[0, number])
-        lines = [line for frame in own.bodies for line in frame]
+        lines = [line for frame in moving.bodies for line in frame]
         contacts = np.empty((0, 3)) if ground is None else ground.contacts
-        points = np.vstack([contacts, own.path, *lines])
+        points = np.vstack([contacts, moving.path, *lines])
         self._axes = view_of(points)
         flat = points @ self._axes.T
         low, high = flat.min(axis=0), flat.max(axis=0)
         size = float(np.max(high - low)) or 1.0
-        if len(own.path):
-            ax.plot(*(own.path @ self._axes.T).T, color=PATH, lw=1.0, ls=":")
+        if len(moving.path):
+            ax.plot(*(moving.path @ self._axes.T).T, color=PATH, lw=1.0, ls=":")
         if ground is not None:
-            self._stand(ax, own, ground, size)
+            self._stand(ax, moving, ground, size)
         style_of = {
             "color": ROBOT,
             "lw": 3.2,
@@ -194,7 +194,7 @@ class _MovingView:
             "mfc": "white",
             "solid_capstyle": "round",
         }
-        self._bodies = [ax.plot([], [], zorder=4, **style_of)[0] for _ in own.bodies[0]]
+        self._bodies = [ax.plot([], [], zorder=4, **style_of)[0] for _ in moving.bodies[0]]
         ax.set_xlim(low[0] - 0.12 * size, high[0] + 0.12 * size)
         ax.set_ylim(low[1] - 0.12 * size, high[1] + 0.12 * size)
         ax.set_aspect("equal")
@@ -203,33 +203,33 @@ class _MovingView:
         self._cursors, self.panels = [], dict[str, Any]()
         for row, (label, values) in enumerate(curves, 1):
             panel = figure.add_subplot(grid[row, number])
-            panel.plot(own.times, values, color=_color(label), lw=1.6)
+            panel.plot(moving.times, values, color=_color(label), lw=1.6)
             if np.isfinite(values).any():
                 worst = np.nanargmax(values) if label == style.FRICTION.label else np.nanargmin(values)
-                panel.plot(own.times[worst], values[worst], **{**style.RING, "color": _color(label)})
+                panel.plot(moving.times[worst], values[worst], **{**style.RING, "color": _color(label)})
             panel.set_title(label, fontsize=9, loc="left")
             panel.grid(axis="y", color=style.GRID, lw=0.8)
             panel.tick_params(labelsize=8, labelbottom=row == len(curves))
-            self._cursors.append(panel.axvline(own.times[0], color="black", lw=1.0))
+            self._cursors.append(panel.axvline(moving.times[0], color="black", lw=1.0))
             if row == len(curves):
                 panel.set_xlabel("time [s]", fontsize=9)
             self.panels[label] = panel
 
-    def _stand(self, ax: Any, own: Moving, ground: CarriedBy, size: float) -> None:
+    def _stand(self, ax: Any, moving: Moving, ground: CarriedBy, size: float) -> None:
         """Support polygon, base, contact forces, tipping axis, zero-moment point."""
         flat = ground.contacts @ self._axes.T
-        self._polygon = draw_base(ax, self._axes, ground.contacts, own.bodies[0])
+        self._polygon = draw_base(ax, self._axes, ground.contacts, moving.bodies[0])
         self._forces, self._scale = force_arrows(ax, flat, size, ground.weight)
         self._axis = ax.plot([], [], color="#c81e1e", lw=3.0, zorder=2)[0]
         self._pressure = ax.plot([], [], ls="", marker="o", ms=7, color="#dc00a0", zorder=5)[0]
 
     def show(self, k: int, title: str) -> None:
         """Show instant k."""
-        own, ground = self._own, self._own.ground
-        for artist, line in zip(self._bodies, own.bodies[k], strict=True):
+        moving, ground = self._own, self._own.ground
+        for artist, line in zip(self._bodies, moving.bodies[k], strict=True):
             artist.set_data(*(line @ self._axes.T).T)
         for cursor in self._cursors:
-            cursor.set_xdata([own.times[k]] * 2)
+            cursor.set_xdata([moving.times[k]] * 2)
         self._title.set_text(title)
         if ground is None:
             return

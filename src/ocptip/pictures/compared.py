@@ -19,19 +19,22 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def save_comparison(path: str | os.PathLike[str], found: Comparison, predictor: Predictor, name: str) -> Path:
+def save_comparison(
+    path: str | os.PathLike[str], comparison: Comparison, predictor: Predictor, name: str
+) -> Path:
     """Draw a comparison into a .png, .pdf or .svg file.
 
     Raises:
         OSError: it cannot be written; names it.
     """
-    return save_figure(comparison_figure(found, predictor, name), path, DPI)
+    return save_figure(comparison_figure(comparison, predictor, name), path, DPI)
 
 
-def comparison_figure(found: Comparison, predictor: Predictor, name: str) -> Figure:
+def comparison_figure(comparison: Comparison, predictor: Predictor, name: str) -> Figure:
     """A Matplotlib figure: errors of joints, loads measured (dots) and predicted, residuals."""
     kinds = {
-        kind: [one for one in found.signals if one.kind == kind] for kind in (ANGLE, TORQUE, WRENCH, POWER)
+        kind: [one for one in comparison.signals if one.kind == kind]
+        for kind in (ANGLE, TORQUE, WRENCH, POWER)
     }
     kinds[POWER] = [one for one in kinds[POWER] if one.index == 0]
     forces = [one for one in kinds[WRENCH] if one.index < 3]
@@ -44,15 +47,15 @@ def comparison_figure(found: Comparison, predictor: Predictor, name: str) -> Fig
         ("Moment on the sensor", "moment", "N m", moments),
         ("Electric power", "power", "W", kinds[POWER]),
     )
-    _errors(axes[0, 0], kinds[ANGLE], found.times, predictor.robot.units)
-    _deviation(axes[0, 1], found)
+    _errors(axes[0, 0], kinds[ANGLE], comparison.times, predictor.robot.units)
+    _deviation(axes[0, 1], comparison)
     for (left, right), group in zip(axes[1:], groups, strict=True):
-        _pair(left, right, *group, found.times)
+        _pair(left, right, *group, comparison.times)
     for ax in axes.flat:
         ax.axvspan(0, predictor.motion.end, color=style.SHADE, zorder=-1, lw=0)
     for ax in axes[-1]:
         ax.set_xlabel("time of the motion [s]")
-    count = len(found.findings)
+    count = len(comparison.findings)
     verdict = "agrees with the plan" if not count else f"{count} finding{'s' if count > 1 else ''}"
     style.head(figure, f"{name}, recorded: {verdict}")
     style.note(figure, "dots: measured; lines: predicted; shaded: the motion as planned")
@@ -68,11 +71,11 @@ def _errors(ax: Any, signals: list[ComparedSignal], times: np.ndarray, units: Se
     _finish(ax, bool(signals), "Error of each joint, measured - predicted", f"error [{', '.join(words)}]")
 
 
-def _deviation(ax: Any, found: Comparison) -> None:
-    if found.gripper is not None:
+def _deviation(ax: Any, comparison: Comparison) -> None:
+    if comparison.gripper is not None:
         line_style = {"color": style.TCP_SPEED.color, "lw": 0.9, "gid": "gripper"}
-        ax.plot(found.times, 1e3 * found.gripper, **line_style)
-    _finish(ax, found.gripper is not None, "Distance of the TCP from the plan", "deviation [mm]")
+        ax.plot(comparison.times, 1e3 * comparison.gripper, **line_style)
+    _finish(ax, comparison.gripper is not None, "Distance of the TCP from the plan", "deviation [mm]")
 
 
 def _pair(

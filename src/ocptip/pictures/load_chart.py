@@ -73,8 +73,8 @@ def _plan(
     values = np.full((len(reaches) - 1, len(edges) - 1), np.nan)
     for one in cells:
         assert one.azimuth is not None  # of a view from above
-        at = np.searchsorted(reaches, one.reach[0]), np.searchsorted(edges, one.azimuth[0])
-        values[at] = one.any_posture
+        cell = np.searchsorted(reaches, one.reach[0]), np.searchsorted(edges, one.azimuth[0])
+        values[cell] = one.any_posture
     ax.set_facecolor(_EMPTY)
     # Sides of cells are arcs only where there are points between their corners.
     fine = np.concatenate([np.linspace(*pair, _ARC, endpoint=False) for pair in pairwise(edges)])
@@ -113,8 +113,8 @@ def _side(ax: Any, edges: Edges, cells: Sequence[ChartCell], key: str, top: floa
     values = np.full((len(heights) - 1, len(reaches) - 1), np.nan)
     for one in cells:
         assert one.height is not None  # of a side view
-        at = np.searchsorted(heights, one.height[0]), np.searchsorted(reaches, one.reach[0])
-        values[at] = getattr(one, key)
+        cell = np.searchsorted(heights, one.height[0]), np.searchsorted(reaches, one.reach[0])
+        values[cell] = getattr(one, key)
     ax.set_facecolor(_EMPTY)
     ax.pcolormesh(reaches, heights, np.ma.masked_invalid(values), cmap=_COLORS, vmin=0.0, vmax=top)
     for (row, column), value in np.ndenumerate(values):
@@ -143,10 +143,10 @@ def design_picture(name: str, scope: str, reaches: np.ndarray, designs: Sequence
         reaches: (k + 1,), m, ends of the cells of the designs.
         designs: of changed bases.
     """
-    quantities = list(dict.fromkeys(own.quantity for own in designs))
+    quantities = list(dict.fromkeys(design.quantity for design in designs))
     figure = new_figure(1.2 + 5.2 * len(quantities), 4.2)
-    for ax, own in zip(figure.subplots(1, len(quantities), squeeze=False)[0], quantities, strict=True):
-        rows = sorted((one for one in designs if one.quantity == own), key=lambda one: one.value)
+    for ax, design in zip(figure.subplots(1, len(quantities), squeeze=False)[0], quantities, strict=True):
+        rows = sorted((one for one in designs if one.quantity == design), key=lambda one: one.value)
         values = [one.value for one in rows]
         widths = np.linspace(4.5, 1.2, len(reaches) - 1)  # lines often lie on each other
         for k, (end, width) in enumerate(zip(reaches[1:], widths, strict=True)):
@@ -163,8 +163,8 @@ def design_picture(name: str, scope: str, reaches: np.ndarray, designs: Sequence
                     gid=f"reach-{k}",
                 )
         ax.set_ylim(bottom=0.0)
-        style.finish(ax, "Payload that all postures hold, by reach", "payload [kg]", _DESIGNS[own][1])
-    varied = " and ".join(_DESIGNS[own][0] for own in quantities)
+        style.finish(ax, "Payload that all postures hold, by reach", "payload [kg]", _DESIGNS[design][1])
+    varied = " and ".join(_DESIGNS[design][0] for design in quantities)
     style.head(figure, f"{name}: payload by {varied}", scope)
     style.note(figure, f"from the payload on the left to a line, then down: the {varied} that holds it")
     return png(figure)
@@ -198,15 +198,15 @@ def envelope_figure(
     ax: Any = figure.add_subplot(projection="polar")
     ax.set_theta_zero_location("N")  # forward is up, as from above
     count, around = len(angles), np.append(angles, angles[0])
-    known = [own.largest[:count] for own in (nominal, within) if own is not None]
+    known = [carried.largest[:count] for carried in (nominal, within) if carried is not None]
     top = _WIDEST * float(np.median(np.minimum(known[0], LARGEST))) or 1.0
     cases = [("nominal", nominal, style.NOMINAL)]
     if within is not None:
         cases.append(("worst case", within, style.WORST_CASE))
-    for title, own, line in cases:
-        slips = np.where(own.slip < own.tip, own.slip, np.nan)[:count]
+    for title, carried, line in cases:
+        slips = np.where(carried.slip < carried.tip, carried.slip, np.nan)[:count]
         for word, values, color in (
-            ("the base tips", own.tip[:count], style.TIPPING.color),
+            ("the base tips", carried.tip[:count], style.TIPPING.color),
             ("wheels slide", slips, style.FRICTION.color),
         ):
             drawn = np.where(values < LARGEST, values, np.nan)
@@ -215,11 +215,11 @@ def envelope_figure(
                 beyond = f": beyond {least:.3g} m/s^2" if least > top else ""
                 label = f"{word}, {title}{beyond}"
                 ax.plot(around, np.append(drawn, drawn[0]), color=color, label=label, **line)
-    for number, (word, own) in enumerate(objects.items()):
-        drawn = np.where(own.largest < LARGEST, own.largest, np.nan)[:count]
+    for number, (word, carried) in enumerate(objects.items()):
+        drawn = np.where(carried.largest < LARGEST, carried.largest, np.nan)[:count]
         closed = np.append(drawn, drawn[0])
         ax.plot(around, closed, **style.member(number), lw=1.4, label=f"{word} tips or slides")
-    least = np.min([known[-1], *(own.largest[:count] for own in objects.values())], axis=0)
+    least = np.min([known[-1], *(carried.largest[:count] for carried in objects.values())], axis=0)
     ax.fill(around, np.append(least, least[0]), color=style.SHADE, zorder=0, gid="envelope")
     places = feet[:, :2] - feet[:, :2].mean(axis=0)
     shown = 0.25 * top * places / max(float(np.hypot(*places.T).max()), 1e-9)
@@ -232,7 +232,7 @@ def envelope_figure(
     return figure
 
 
-def tilt_figure(found: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
+def tilt_figure(result: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
     """Largest tilts over the direction downhill, seen from above.
 
     Args:
@@ -240,8 +240,8 @@ def tilt_figure(found: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
     """
     figure = new_figure(6.0, 5.6)
     ax = figure.add_subplot(projection="polar")
-    widths = np.linspace(6.0, 1.5, max(len(found), 2))  # curves often lie on each other
-    for number, ((name, (sides, tilts)), width) in enumerate(zip(found.items(), widths, strict=False)):
+    widths = np.linspace(6.0, 1.5, max(len(result), 2))  # curves often lie on each other
+    for number, ((name, (sides, tilts)), width) in enumerate(zip(result.items(), widths, strict=False)):
         turns = np.arctan2(sides[:, 1], sides[:, 0])
         order = np.argsort(turns)
         order = np.append(order, order[0])

@@ -115,8 +115,8 @@ def _by_name(
     """A curve in pieces of the colour of their names; values (N) or (N + 1) at s."""
     gid = style.pop("gid")
     for name, group in groupby(range(len(names)), key=lambda k: names[k]):
-        own = list(group)
-        upto = slice(own[0], min(own[-1] + 2, len(values)))
+        members = list(group)
+        upto = slice(members[0], min(members[-1] + 2, len(values)))
         ax.plot(s[upto], values[upto], color=colors.get(name, _NONE), gid=f"{gid}-{name}", **style)
 
 

@@ -157,9 +157,9 @@ def _angles(ax: Any, curves: PlanCurves) -> None:
     values = (curves.scales * curves.samples.angles).T
     units = list(dict.fromkeys(curves.units))
     axes = {unit: ax if unit == units[0] else ax.twinx() for unit in units}  # m and deg have an axis each
-    for j, (name, own, unit) in enumerate(zip(curves.joint_names, values, curves.units, strict=True)):
+    for j, (name, value, unit) in enumerate(zip(curves.joint_names, values, curves.units, strict=True)):
         label = name if len(units) == 1 else f"{name} [{unit}]"
-        axes[unit].plot(curves.times, own, **style.member(j), label=label, gid=f"angle-{j + 1}")
+        axes[unit].plot(curves.times, value, **style.member(j), label=label, gid=f"angle-{j + 1}")
         if axes[unit] is not ax:
             ax.plot([], [], **style.member(j), label=label)  # one legend for both axes
             axes[unit].set_ylabel(f"coordinate [{unit}]")
@@ -182,7 +182,7 @@ def _shares(
     The legend has the limits in these units: names, and factors from SI units.
     """
     limited, shares = np.flatnonzero(np.isfinite(limits)), values / limits
-    shown = [f"{scale * own:.3g} {unit}" for own, unit, scale in zip(limits, *units, strict=True)]
+    shown = [f"{scale * limit:.3g} {unit}" for limit, unit, scale in zip(limits, *units, strict=True)]
     for j in limited:
         line_style = {
             **style.member(int(j)),
@@ -207,8 +207,8 @@ def _sign(curves: PlanCurves, shares: np.ndarray, row: MotionMargin) -> float:
     """Sign of the share that is largest at the worst instant."""
     if row.nominal is None or row.nominal.time is None:
         return 1.0
-    at = shares[int(np.argmin(np.abs(curves.times - row.nominal.time)))]
-    return float(np.sign(at[np.nanargmax(np.abs(at))])) or 1.0
+    share = shares[int(np.argmin(np.abs(curves.times - row.nominal.time)))]
+    return float(np.sign(share[np.nanargmax(np.abs(share))])) or 1.0
 
 
 def _tipping(ax: Any, curves: PlanCurves) -> None:
@@ -244,9 +244,9 @@ def _friction(ax: Any, curves: PlanCurves) -> None:
         zorder=1.9,
         lw=3.0,
     )
-    for k, own in enumerate(usage.T):
+    for k, usage_of_contact in enumerate(usage.T):
         line_style = {**style.member(k), "lw": 1.0, "label": f"contact {k + 1}", "gid": f"use-{k + 1}"}
-        ax.plot(curves.times, quantity.scale * own, **line_style)
+        ax.plot(curves.times, quantity.scale * usage_of_contact, **line_style)
     _reference(ax, curves, quantity, curves.friction)
     _limit(ax, curves, quantity, curves.limit("GT"), "limit")
     title = TITLES[kinds.FRICTION]
@@ -378,12 +378,12 @@ def _reference(
 
 def _marks(ax: Any, curves: PlanCurves, quantity: Quantity, row: MotionMargin, sign: float = 1.0) -> None:
     """Rings at the worst instant, diamonds at that of the worst case."""
-    for at, line_style, word in (
+    for index, line_style, word in (
         (row.nominal, style.RING, "nominal"),
         (row.worst_case, style.DIAMOND, "worst-instant"),
     ):
-        if at is not None and at.time is not None:
-            place = [at.time], [sign * quantity.scale * at.value]
+        if index is not None and index.time is not None:
+            place = [index.time], [sign * quantity.scale * index.value]
             ax.plot(*place, **line_style, color=quantity.color, gid=f"{row.name}-{word}")
 
 

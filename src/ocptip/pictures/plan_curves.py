@@ -56,10 +56,10 @@ def seen_plan(task: Task, motion: Trajectory, check: CycleCheck) -> Any:
     if not task.is_cycle:
         return _Plan(task, motion.segments[0], check.whole)
     rows = []
-    for segment, own, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
+    for segment, segment_motion, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
         payload = segment.task.robot.payload
         name = f"{segment.name}, {payload.mass:.4g} kg" if payload else segment.name
-        rows.append((float(begin), float(begin) + own.end, name))
+        rows.append((float(begin), float(begin) + segment_motion.end, name))
     seen = _Task(task.name, task.robot, task.limits)
     limits = tuple(segment.task.limits for segment in task.segments[: len(rows)])
     return _Plan(seen, motion, check.whole, tuple(rows), limits)
@@ -97,8 +97,12 @@ class PlanCurves:
         """Switching times of velocity profiles, (S,), s; timings of paths, and samples, have none."""
         motion: Trajectory = self.plan.motion
         parts = zip(motion.begins, motion.segments, strict=True)
-        found = [begin + own.event_times for begin, own in parts if own.profiles is not None]
-        return np.concatenate([[], *found])
+        results = [
+            begin + segment_motion.event_times
+            for begin, segment_motion in parts
+            if segment_motion.profiles is not None
+        ]
+        return np.concatenate([[], *results])
 
     @property
     def times(self) -> np.ndarray:
@@ -134,7 +138,9 @@ class PlanCurves:
     def normal_range(self) -> np.ndarray:
         """(n, 2) minimum and maximum normal force each contact can bear, N; infinite for none."""
         pieces = [contact.force_pieces() for contact in self.plan.task.robot.support.contacts]
-        return np.array([[min(p.normal_min for p in own), max(p.normal_max for p in own)] for own in pieces])
+        return np.array(
+            [[min(p.normal_min for p in piece), max(p.normal_max for p in piece)] for piece in pieces]
+        )
 
     @property
     def normal_forces(self) -> np.ndarray:
@@ -232,8 +238,8 @@ def _with_rests(robot: StandingMechanism, motion: Trajectory, samples: MotionSam
     times = [np.zeros(1), np.unique(np.concatenate([[motion.end], later, knots - _STEP, knots + _STEP]))]
     angles, during = motion.states(np.array([0.0, motion.end]))[0], robot.during(motion)
     before, after = (
-        during.samples_of(own, np.tile(q, (len(own), 1)), *np.zeros((2, len(own), robot.n)))
-        for own, q in zip(times, angles, strict=True)
+        during.samples_of(time, np.tile(q, (len(time), 1)), *np.zeros((2, len(time), robot.n)))
+        for time, q in zip(times, angles, strict=True)
     )
     return samples_joined([before, samples, after])
 
@@ -244,8 +250,8 @@ _SHOWN = len(MEMBERS)  # pairs with colours of their own; the others are one
 
 def nearest_pairs(robot: StandingMechanism, samples: MotionSamples) -> tuple[np.ndarray, list[str]]:
     """Numbers (N,) of the nearest pairs at all instants, and their names, those nearest for longest first."""
-    found = robot.collision.nearest(samples.angles)
-    names = np.array([str(label) for label in robot.collision.labels])[found.pairs]
+    result = robot.collision.nearest(samples.angles)
+    names = np.array([str(label) for label in robot.collision.labels])[result.pairs]
     unique, first, counts = np.unique(names, return_index=True, return_counts=True)
     order = np.lexsort((first, -counts))
     rank = np.empty(len(order), dtype=int)
@@ -261,10 +267,10 @@ def draw_clearance(ax: Any, robot: StandingMechanism, samples: MotionSamples) ->
     which, names = nearest_pairs(robot, samples)
     gaps = 1e3 * samples.clearances
     for k, name in enumerate([*names[:_SHOWN], "other pairs"]):
-        own = which == k if k < _SHOWN and k < len(names) else which >= _SHOWN
-        if name == "other pairs" and not own.any():
+        chosen = which == k if k < _SHOWN and k < len(names) else which >= _SHOWN
+        if name == "other pairs" and not chosen.any():
             continue
-        ends = own | np.roll(own, 1) & (np.arange(len(own)) > 0)  # up to where the next pair begins
+        ends = chosen | np.roll(chosen, 1) & (np.arange(len(chosen)) > 0)  # up to where the next pair begins
         color = _REST if name == "other pairs" else MEMBERS[k]
         line_style = {
             **NOMINAL,

@@ -61,7 +61,7 @@ def draw_postures(
     axes = view_of(path if len(path) else every)
     low, high = (every @ axes.T).min(axis=0), (every @ axes.T).max(axis=0)
     margin = 0.08 * float(np.max(high - low)) + 1e-3
-    total = max((float(np.linalg.norm(own.sum(axis=0))) for own in forces), default=0.0)
+    total = max((float(np.linalg.norm(force.sum(axis=0))) for force in forces), default=0.0)
     for k, (ax, (title, _), lines) in enumerate(zip(panels, postures, bodies, strict=True)):
         flat = contacts @ axes.T
         draw_base(ax, axes, contacts, lines)
@@ -146,7 +146,10 @@ def _write(ax: Any, text: str, place: np.ndarray, points: np.ndarray) -> None:
 def _scale(ax: Any, low: np.ndarray, high: np.ndarray, margin: float) -> None:
     """A bar of a round length below the first sketch."""
     wide = float(high[0] - low[0])
-    length = max((own for own in _LENGTHS if own <= 0.5 * wide), default=_LENGTHS[0])
+    length = max(
+        (length_of_scale for length_of_scale in _LENGTHS if length_of_scale <= 0.5 * wide),
+        default=_LENGTHS[0],
+    )
     y = low[1] - 2.4 * margin
     ax.plot([low[0], low[0] + length], [y, y], color=NOTE, lw=1.4, gid="scale")
     _write(ax, f"{length:g} m", np.array([low[0] + length, y]), np.array([16.0, 0.0]))

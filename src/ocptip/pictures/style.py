@@ -118,5 +118,5 @@ def mark_segments(ax: Any, segments: Iterable[tuple[float, float, str]]) -> None
     """Shade the motions of a cycle on a time axis, and name them: begin and end, s, and name of each."""
     for begin, end, name in segments:
         ax.axvspan(begin, end, color=SHADE, zorder=-1, lw=0)
-        at = {"xy": (begin, 0.0), "xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-        ax.annotate(name, xytext=(2, 3), fontsize=7, color="#404040", annotation_clip=False, **at)
+        placing = {"xy": (begin, 0.0), "xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+        ax.annotate(name, xytext=(2, 3), fontsize=7, color="#404040", annotation_clip=False, **placing)

@@ -245,5 +245,5 @@ def arm_solids(placement: Placement, q: np.ndarray) -> Iterator[Shape]:
         return
     frames = link_frames(arm, q)
     for _, body, shape in solids_of(arm, arm.geometry):
-        own = shape if body == RESTING else shape.placed(frames.rotations[body], frames.origins[body])
-        yield own.placed(placement.base_rotation, placement.base_position)
+        placed = shape if body == RESTING else shape.placed(frames.rotations[body], frames.origins[body])
+        yield placed.placed(placement.base_rotation, placement.base_position)

@@ -65,8 +65,8 @@ class LeastSlip:
         normals = self._normals(pressed, moments, pull)
         some = np.flatnonzero(np.any([np.isfinite(n[:, 0]) for n in normals], axis=0)) if normals else []
         if len(some):
-            found = self._sliding(pull[some], -moments[some, 0], pressed[some], [n[some] for n in normals])
-            least[some] = np.maximum(least[some], found)
+            result = self._sliding(pull[some], -moments[some, 0], pressed[some], [n[some] for n in normals])
+            least[some] = np.maximum(least[some], result)
         return least
 
     def _normals(self, pressed: np.ndarray, moments: np.ndarray, pull: np.ndarray) -> list[np.ndarray]:
@@ -77,17 +77,17 @@ class LeastSlip:
         right = np.column_stack(
             [pressed, -moments[:, 1] + height * pull[:, 1], -moments[:, 2] - height * pull[:, 0]]
         )
-        found = [right @ np.linalg.inv(self.held[:, t]).T for t in self.triples]
-        return [np.where(np.all(n >= -1e-9 * pressed[:, None], axis=1)[:, None], n, -np.inf) for n in found]
+        normals = [right @ np.linalg.inv(self.held[:, t]).T for t in self.triples]
+        return [np.where(np.all(n >= -1e-9 * pressed[:, None], axis=1)[:, None], n, -np.inf) for n in normals]
 
     def _sliding(
         self, pull: np.ndarray, turn: np.ndarray, pressed: np.ndarray, normals: list[np.ndarray]
     ) -> np.ndarray:
         """Largest power over that of friction, of directions of sliding and rates of turning."""
         presses = [np.isfinite(n[:, 0]) for n in normals]
-        normals = [np.where(own[:, None], n, 0.0) for own, n in zip(presses, normals, strict=True)]
+        normals = [np.where(press[:, None], n, 0.0) for press, n in zip(presses, normals, strict=True)]
         heading = np.arctan2(pull[:, 1], pull[:, 0])
-        best, at = np.zeros(len(pull)), np.zeros((2, len(pull)))
+        best, velocities = np.zeros(len(pull)), np.zeros((2, len(pull)))
 
         def evaluate(angles: np.ndarray) -> None:
             ahead, turned = heading + angles[0], angles[1]
@@ -95,12 +95,12 @@ class LeastSlip:
             x, y = self.places[:, :, None]
             speeds = self.friction[:, None] * np.hypot(v[0] - w * y, v[1] + w * x)
             pairs = zip(presses, normals, self.triples, strict=True)
-            taken = [np.where(own, np.sum(n.T * speeds[t], axis=0), -np.inf) for own, n, t in pairs]
+            taken = [np.where(allowed, np.sum(n.T * speeds[t], axis=0), -np.inf) for allowed, n, t in pairs]
             most = np.max(taken, axis=0)
             power = np.sum(pull.T * v, axis=0) + turn * w
             share = power / np.maximum(most, _LEAST * pressed * speeds.max(axis=0))
             better = share > best
-            best[better], at[:, better] = share[better], angles[:, better]
+            best[better], velocities[:, better] = share[better], angles[:, better]
 
         turns = np.linspace(-np.pi / 2, np.pi / 2, _DIRECTIONS, endpoint=False)
         for a in turns:
@@ -109,7 +109,7 @@ class LeastSlip:
         step = turns[1] - turns[0]
         for _ in range(_ROUNDS):
             step /= 2
-            middle = at.copy()
+            middle = velocities.copy()
             for side in ((1, 0), (-1, 0), (0, 1), (0, -1)):
                 evaluate(middle + step * np.array(side)[:, None])
         return best

@@ -116,7 +116,7 @@ class Evaluator:
         wrenches[:, :, :3] += self.support.mass * gravity[:, None]
         added = np.einsum("kwg,ng->nkw", np.array([c.per_gravity for c in problem.corners]), gravity)
         reserves = self._reserves(stand, stood, wrenches, added, contacts, fast)
-        found = TaskEvaluation(
+        task_evaluation = TaskEvaluation(
             **vars(stood),
             terrain=problem.terrain[patch],
             parameters=parameters,
@@ -130,12 +130,12 @@ class Evaluator:
             GE=np.stack([problem.energy.values(torques[:, c]) for c in range(len(cases))], axis=1),
         )
         rows = [
-            own
+            margin
             for limit in self.limits
             if limit is not self._ground and (clearances or not isinstance(limit, Clearance))
-            for own in limit.margins(found)
+            for margin in limit.margins(task_evaluation)
         ]
-        return replace(found, rows=tuple(rows))
+        return replace(task_evaluation, rows=tuple(rows))
 
     def criteria(self, evaluations: list[TaskEvaluation]) -> np.ndarray:
         """GN, GT, GK, GE of placements, (N, 4): the worst counting case, for GE the mean over them."""
@@ -252,10 +252,10 @@ class Evaluator:
         M, 6).
         """
         moments, results = [], []
-        for own, places, frames in zip(wrenches, stood.contacts, stood.frames, strict=True):
+        for wrench, places, frames in zip(wrenches, stood.contacts, stood.frames, strict=True):
             footing = stand.feet.at(places, frames)
-            states = footing.contact_states(own, warm_start=False)
-            moments.append(TipMap(footing.tip_over)(own)[0])
+            states = footing.contact_states(wrench, warm_start=False)
+            moments.append(TipMap(footing.tip_over)(wrench)[0])
             results.append((*self._solved(footing, footing.slip, states), states.persistent))
         most = max((m.shape[1] for m in moments), default=0)
         moments = [np.pad(m, ((0, 0), (0, most - m.shape[1])), constant_values=np.inf) for m in moments]
@@ -276,28 +276,31 @@ class Evaluator:
         conforming = any(stand.conforms for stand in self.problem.stands)
         return None if conforming else LeastSlip(self.support)
 
-    def least_slip(self, found: TaskEvaluation) -> np.ndarray:
+    def least_slip(self, evaluation: TaskEvaluation) -> np.ndarray:
         """(N, C) lower bounds of GT of the cases that count, the worst corner of each; else zero."""
-        wrenches = found.wrenches[:, found.counting]
+        wrenches = evaluation.wrenches[:, evaluation.counting]
         if self._least is None:
             return np.zeros(wrenches.shape[:2])
-        gravity = found.base.transpose(0, 2, 1) @ self.problem.gravity
+        gravity = evaluation.base.transpose(0, 2, 1) @ self.problem.gravity
         corners = [wrenches + (gravity @ corner.per_gravity.T)[:, None] for corner in self.problem.corners]
-        bounds = [self._least(own.reshape(-1, 6)).reshape(wrenches.shape[:2]) for own in corners]
+        bounds = [
+            self._least(wrenches_of_corner.reshape(-1, 6)).reshape(wrenches.shape[:2])
+            for wrenches_of_corner in corners
+        ]
         return np.max(bounds, axis=0)
 
     def _force_space(self, cases: list, torques: np.ndarray) -> np.ndarray:
         """GK (N, C): largest share of its torque margin in the load's direction that a joint uses (4.19)."""
-        most, at = self.problem.most_torque, self.problem.limited_joints
+        most, limited_joints = self.problem.most_torque, self.problem.limited_joints
         result = np.zeros(torques.shape[:2])
-        if not len(at):
+        if not len(limited_joints):
             return result
-        own = torques[:, 0, at]
+        torque = torques[:, 0, limited_joints]
         for c, case in enumerate(cases):
             if case.load < 0:
                 continue
-            change = torques[:, c, at] - own
-            left = np.where(change > 0, most[at] - own, most[at] + own)
+            change = torques[:, c, limited_joints] - torque
+            left = np.where(change > 0, most[limited_joints] - torque, most[limited_joints] + torque)
             with np.errstate(divide="ignore", invalid="ignore"):
                 share = np.where(np.abs(change) > 0, np.abs(change) / left, 0.0)
             result[:, c] = np.max(np.where(left > 0, share, np.inf), axis=1)

@@ -56,12 +56,12 @@ class CyclePlacement:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        found = self.plan is not None and self.verified
+        result = self.plan is not None and self.verified
         return {
             "verified": self.verified,
-            "energy_J": self.plan.energy if self.plan and found else None,
-            "duration_s": self.plan.duration if self.plan and found else None,
-            "cost": self.cost if found else None,
+            "energy_J": self.plan.energy if self.plan and result else None,
+            "duration_s": self.plan.duration if self.plan and result else None,
+            "cost": self.cost if result else None,
             "refusal": self.refusal,
             "sampled": self.sampled,
             "placement": self.placement.to_dict(),
@@ -128,7 +128,7 @@ def place_for_cycle(
     static = place(problem, starts=placement_starts, seed=seed, keep=candidates)
     places = [(placement, False) for placement in static.places[:candidates]]
     places += [(p, True) for p in sampled_places(problem, static, candidates - len(places), seed)]
-    found = []
+    results = []
     for number, (placement, sampled) in enumerate(places, 1):
         say(f"planning the cycle at place {number} of {len(places)} ...")
         plan, refusal = None, ""
@@ -140,10 +140,10 @@ def place_for_cycle(
             )
         except (PlanningError, InputError) as error:
             refusal = str(error)
-        found.append(CyclePlacement(placement, sampled, plan, refusal))
+        results.append(CyclePlacement(placement, sampled, plan, refusal))
         if plan is not None and plan.interrupted:
             break
-    best, *others = sorted(found, key=lambda one: one.cost)
+    best, *others = sorted(results, key=lambda one: one.cost)
     if best.plan is not None and best.verified and not best.plan.interrupted:
         best = replace(best, plan=proved(best.plan, certified))
     return CyclePlacements((best, *others), static)
@@ -155,15 +155,15 @@ def sampled_places(
     """Sampled placements that keep all constraints, at distinct places; the best first."""
     if count < 1:
         return []
-    evaluator, found = Evaluator(problem), list[Placement]()
+    evaluator, result = Evaluator(problem), list[Placement]()
     candidates = sampling.sample(evaluator, np.random.default_rng(seed), _SAMPLES)
     if not candidates.reached:
         return []
     for i in sampling.spread(evaluator, candidates, _SAMPLED * count):
         placement = evaluate_placement(evaluator, *candidates[i])
-        known = any(placement.shares_place(other) for other in (*static.placements, *found))
+        known = any(placement.shares_place(other) for other in (*static.placements, *result))
         if placement.feasible and not known:
-            found.append(placement)
-        if len(found) == count:
+            result.append(placement)
+        if len(result) == count:
             break
-    return found
+    return result

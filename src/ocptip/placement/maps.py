@@ -41,7 +41,7 @@ class PlacementMap:
     patch: Patch
     shown: tuple[int, ...]
     axes: tuple[np.ndarray, ...]
-    found: Scan
+    scan: Scan
 
     @classmethod
     def of(cls, best: Placement, cells: int | None = None) -> PlacementMap:
@@ -83,8 +83,8 @@ class PlacementMap:
         parameters[:, :, shown] = grid[:, None]
         parameters[:, :, hidden] = hidden_values
         groups = np.repeat(np.arange(len(grid)), len(hidden_values))
-        found = scan(problem, parameters.reshape(-1, patch.size), patch=best.patch, groups=groups)
-        return cls(patch, tuple(shown), axes, found)
+        result = scan(problem, parameters.reshape(-1, patch.size), patch=best.patch, groups=groups)
+        return cls(patch, tuple(shown), axes, result)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -93,25 +93,25 @@ class PlacementMap:
 
     def values(self, name: str) -> np.ndarray:
         """A criterion or "total" by cell; NaN without a placement that keeps all constraints."""
-        flat = self.found.totals if name == "total" else self.found.criteria[:, CRITERIA.index(name)]
-        return np.where(self.found.feasible, flat, np.nan).reshape(self.shape)
+        flat = self.scan.totals if name == "total" else self.scan.criteria[:, CRITERIA.index(name)]
+        return np.where(self.scan.feasible, flat, np.nan).reshape(self.shape)
 
     @property
     def causes(self) -> np.ndarray:
         """Kind of the constraint that fails by cell, "" where there is a placement."""
-        return self.found.causes.astype(str).reshape(self.shape)
+        return self.scan.causes.astype(str).reshape(self.shape)
 
     def in_reach(self) -> list[tuple[float, float]]:
         """Per axis the range of the cells in which all tasks are in reach, with a margin."""
         inside, ranges = ~np.isin(self.causes, _NOT_REACHED), []
         for k, axis in enumerate(self.axes):
-            own = inside.ndim - 1 - k
-            at = np.flatnonzero(inside.any(axis=tuple(i for i in range(inside.ndim) if i != own)))
-            if not len(at):
+            map_axis = inside.ndim - 1 - k
+            indices = np.flatnonzero(inside.any(axis=tuple(i for i in range(inside.ndim) if i != map_axis)))
+            if not len(indices):
                 ranges.append((float(axis[0]), float(axis[-1])))
                 continue
-            more = (axis[1] - axis[0]) + _MORE * (axis[at[-1]] - axis[at[0]])
-            ranges.append((float(axis[at[0]] - more), float(axis[at[-1]] + more)))
+            more = (axis[1] - axis[0]) + _MORE * (axis[indices[-1]] - axis[indices[0]])
+            ranges.append((float(axis[indices[0]] - more), float(axis[indices[-1]] + more)))
         return ranges
 
 

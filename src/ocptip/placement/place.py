@@ -106,7 +106,7 @@ def _place(
         chosen = turned(work.evaluator, candidates.select(first))
         chosen = improved(work.evaluator, chosen, rng)
         chosen = chosen.select(sampling.spread(work.evaluator, chosen, starts, postures=True))
-    found: list[Placement] = []
+    placements: list[Placement] = []
     tried: list[Placement] = []
     reports = []
 
@@ -116,26 +116,26 @@ def _place(
             reports.append(report)
             tried.append(placement)
             if placement.feasible:
-                found.append(placement)
+                placements.append(placement)
             if progress:
-                progress(len(reports), len(chosen) + more, min((p.total for p in found), default=None))
+                progress(len(reports), len(chosen) + more, min((p.total for p in placements), default=None))
 
     if candidates.reached:
         solve_from(chosen)
-    if found:
-        best = [(p.patch, p.parameters, p.angles) for p in _distinct(found)[:_AROUND]]
+    if placements:
+        best = [(p.patch, p.parameters, p.angles) for p in _distinct(placements)[:_AROUND]]
         near = around(work.evaluator, best, _COPIES, _AFAR, rng)
         solve_from(near.select(np.arange(min(more, len(near)))))
-    if not found:
+    if not placements:
         nearest = work.nearest(chosen, tried)
         if not nearest.feasible:
             raise NoPlacementError(_refusal(nearest, candidates), nearest, tuple(reports))
         placement, report = work.run(len(reports), nearest.patch, nearest.parameters, nearest.angles)
         reports.append(report)
-        found = [placement if placement.feasible else nearest]
+        placements = [placement if placement.feasible else nearest]
     return PlacementResult(
         problem=problem,
-        placements=_several(_distinct(found), keep),
+        placements=_several(_distinct(placements), keep),
         starts=tuple(reports),
         sampled=candidates.sampled,
         reached=candidates.reached,
@@ -213,8 +213,8 @@ class _PatchPrograms:
         now = near_gaps(physics, p, q, _NEAR)
         near = now if near is None else [a | b for a, b in zip(near, now, strict=True)]
         held = sorted({*held_cases(physics, p, q, _HELD), *(held or ())})
-        own = pieces(physics, p, q, held)
-        program = PlacementProgram(physics, near, held, own)
+        force_pieces = pieces(physics, p, q, held)
+        program = PlacementProgram(physics, near, held, force_pieces)
         x = program.start(p, q)
         low, high = (bound.copy() for bound in program.x_bounds)
         box = np.full(len(p) + q.size, _BOX_ANGLE)
@@ -235,8 +235,8 @@ class _PatchPrograms:
             pattern=program.pattern,
         )
         elsewhere = bool(np.any(np.abs(solution.x[inside] - x[inside]) > 0.99 * box))
-        if own and not elsewhere and solution.violation < _KEPT:
-            elsewhere = pieces(physics, *program.split(solution.x), held) != own
+        if force_pieces and not elsewhere and solution.violation < _KEPT:
+            elsewhere = pieces(physics, *program.split(solution.x), held) != force_pieces
         return solution, near, held, elsewhere
 
     def _wider(
@@ -259,8 +259,8 @@ class _PatchPrograms:
             near = near_gaps(physics, p, q, _NEAR)
             for _ in range(_ROUNDS):
                 held = worst_cases(physics, p, q)
-                own = pieces(physics, p, q, held)
-                program = PlacementProgram(physics, near, held, own, criteria=False)
+                force_pieces = pieces(physics, p, q, held)
+                program = PlacementProgram(physics, near, held, force_pieces, criteria=False)
                 elastic = ElasticProgram(program, reachable=candidates.posed)
                 x = elastic.start(program.start(p, q))
                 solution = solve(
@@ -310,10 +310,10 @@ def _violation(placement: Placement) -> float:
     return sum(worst.values())
 
 
-def _distinct(found: list[Placement]) -> list[Placement]:
+def _distinct(placements: list[Placement]) -> list[Placement]:
     """The best of each group of placements that are the same, by objective."""
     kept: list[Placement] = []
-    for placement in sorted(found, key=lambda p: p.total):
+    for placement in sorted(placements, key=lambda p: p.total):
         if not any(_same(placement, other) for other in kept):
             kept.append(placement)
     return kept

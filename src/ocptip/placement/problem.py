@@ -390,8 +390,8 @@ class PlacementProblem:
         several, none, result = len(self.tasks) > 1, np.zeros(3), []
         for t, task in enumerate(self.tasks):
             prefix = f"{task.name}: " if several else ""
-            own = [(np.asarray(load.force), np.asarray(load.moment), load.name) for load in task.loads]
-            loads = [(i, *load) for i, load in enumerate(own) if load[0].any() or load[1].any()]
+            load_rows = [(np.asarray(load.force), np.asarray(load.moment), load.name) for load in task.loads]
+            loads = [(i, *load) for i, load in enumerate(load_rows) if load[0].any() or load[1].any()]
             counts = len(loads) < max(len(task.loads), 1)
             result.append(TaskLoad(t, -1, none, none, counts, counts or self.unloaded, f"{prefix}unloaded"))
             result += [

@@ -338,18 +338,19 @@ def evaluate_placement(
     """
     problem = evaluator.problem
     parameters = problem.terrain[patch].wrapped(np.asarray(parameters, dtype=float))
-    found = [evaluator.task(t, patch, parameters[None], q[None]) for t, q in enumerate(angles)]
-    criteria = evaluator.criteria(found)
+    results = [evaluator.task(t, patch, parameters[None], q[None]) for t, q in enumerate(angles)]
+    criteria = evaluator.criteria(results)
     margins: list[PlacementMargin] = []
     margins += _margins(evaluator.ground(patch, parameters), -1)
-    for own in found:
+    for evaluation in results:
         worst = {
-            kind: [problem.corners[c].name for c in at[0, own.constrained]] for kind, at in own.worst.items()
+            kind: [problem.corners[c].name for c in corner_of[0, evaluation.constrained]]
+            for kind, corner_of in evaluation.worst.items()
         }
-        margins += _margins(own.rows, own.task, worst)
+        margins += _margins(evaluation.rows, evaluation.task, worst)
     placed = patch, parameters
     margins = [
-        _in_friction(evaluator, found, placed, m) if m.kind == "GT" and m.value > 1 else m for m in margins
+        _in_friction(evaluator, results, placed, m) if m.kind == "GT" and m.value > 1 else m for m in margins
     ]
     margins.sort(key=lambda m: m.relative if np.isfinite(m.relative) else -np.inf)
     origin, base = evaluator.place(patch, parameters)
@@ -363,19 +364,22 @@ def evaluate_placement(
         criteria=dict(zip(CRITERIA, criteria[0].tolist(), strict=True)),
         total=float(evaluator.totals(criteria)[0]),
         margins=tuple(margins),
-        pose_error=float(max(np.max(e.rows[0].values) for e in found)),
+        pose_error=float(max(np.max(e.rows[0].values) for e in results)),
         start=start,
     )
 
 
 def _in_friction(
-    evaluator: Evaluator, found: list[TaskEvaluation], placed: tuple[int, np.ndarray], margin: PlacementMargin
+    evaluator: Evaluator,
+    task_evaluations: list[TaskEvaluation],
+    placed: tuple[int, np.ndarray],
+    margin: PlacementMargin,
 ) -> PlacementMargin:
     """Friction utilisation beyond 1 as the share of friction that would be needed, without accelerations."""
-    own = found[margin.task]
-    case = next(c for c in own.constrained if own.cases[c].name == margin.name)
+    evaluation = task_evaluations[margin.task]
+    case = next(c for c in evaluation.constrained if evaluation.cases[c].name == margin.name)
     footing = evaluator.problem.stands[placed[0]].footing(placed[1])
-    share = friction_needed(footing.support, own.cornered[0, case, own.worst["GT"][0, case]])
+    share = friction_needed(footing.support, evaluation.cornered[0, case, evaluation.worst["GT"][0, case]])
     if np.isnan(share):
         return margin
     return replace(margin, value=share, relative=(margin.limit - share) / margin.limit)

@@ -128,16 +128,16 @@ class _Scanner:
         chosen, bound = np.empty((len(alive), 0, self.n)), []
         smallest, why = np.full(len(alive), np.inf), np.full(len(alive), _NO_CAUSE, dtype=object)
         for t in range(self.tasks):
-            q, who, (own, kind, values) = self._states(t, alive, rng)
-            rank = np.where(kind == _NO_CAUSE, self.evaluator.totals(values), 1e6 - own)
+            q, who, (share, kind, values) = self._states(t, alive, rng)
+            rank = np.where(kind == _NO_CAUSE, self.evaluator.totals(values), 1e6 - share)
             order = np.lexsort((rank, who))
             places, first = np.unique(who, return_index=True)
-            at = order[first]
+            reached = order[first]
             alive, chosen, smallest, why = alive[places], chosen[places], smallest[places], why[places]
-            bound = [values_[places] for values_ in bound] + [values[at]]
-            chosen = np.concatenate([chosen, q[at][:, None]], axis=1)
-            why = np.where(own[at] < smallest, kind[at], why)
-            smallest = np.minimum(smallest, own[at])
+            bound = [values_[places] for values_ in bound] + [values[reached]]
+            chosen = np.concatenate([chosen, q[reached][:, None]], axis=1)
+            why = np.where(share[reached] < smallest, kind[reached], why)
+            smallest = np.minimum(smallest, share[reached])
         values = np.max(bound, axis=0)
         counts = [sum(c.counts for c in cases) for cases in self.evaluator.cases]
         values[:, 3] = np.average([b[:, 3] for b in bound], axis=0, weights=counts)
@@ -157,9 +157,9 @@ class _Scanner:
         self.states += len(q)
         if not len(q):
             return q, who, none
-        found = evaluator.task(t, self.patch, self.parameters[numbers[who]], q, contacts=False)
-        margin, cause = worst(found.rows, len(q))
-        least = evaluator.least_criteria([found])
+        evaluation = evaluator.task(t, self.patch, self.parameters[numbers[who]], q, contacts=False)
+        margin, cause = worst(evaluation.rows, len(q))
+        least = evaluator.least_criteria([evaluation])
         if (limit := evaluator.problem.limits.GT) is not None:
             smallest = 1 - least[:, CRITERIA.index("GT")] / limit
             cause[smallest < np.minimum(margin, -FEASIBLE)] = SlipIndexLimit.kind
@@ -180,11 +180,11 @@ class _Scanner:
         groups = self.groups[numbers]
         order = np.lexsort((-margin, groups))
         places, first = np.unique(groups[order], return_index=True)
-        at = order[first]
-        better = (margin[at] > self.margin[places]) & ~np.isfinite(self.total[places])
-        places, at = places[better], at[better]
-        self.margin[places], self.cause[places] = margin[at], cause[at]
-        self.where[places], self.angles[places] = numbers[at], q[at]
+        reached = order[first]
+        better = (margin[reached] > self.margin[places]) & ~np.isfinite(self.total[places])
+        places, reached = places[better], reached[better]
+        self.margin[places], self.cause[places] = margin[reached], cause[reached]
+        self.where[places], self.angles[places] = numbers[reached], q[reached]
 
     def solve(self) -> None:
         """Solve contacts in the order of the lower bounds until no state can be better than the best."""
@@ -206,17 +206,19 @@ class _Scanner:
         evaluator, patch, p = self.evaluator, self.patch, self.parameters[numbers]
         self.solved += len(q)
         fast = evaluator.problem.stands[patch].conforms
-        found = [evaluator.task(t, patch, p, q[:, t], clearances=False, fast=fast) for t in range(self.tasks)]
-        margin, cause = worst(tuple(r for own in found for r in own.rows), len(q))
-        criteria = evaluator.criteria(found)
+        results = [
+            evaluator.task(t, patch, p, q[:, t], clearances=False, fast=fast) for t in range(self.tasks)
+        ]
+        margin, cause = worst(tuple(r for evaluation in results for r in evaluation.rows), len(q))
+        criteria = evaluator.criteria(results)
         total = evaluator.totals(criteria)
         good = cause == _NO_CAUSE
         self._note(numbers[~good], margin[~good], cause[~good], q[~good])
-        at = np.flatnonzero(good)
-        groups = self.groups[numbers[at]]
-        order = np.lexsort((total[at], groups))
+        indices = np.flatnonzero(good)
+        groups = self.groups[numbers[indices]]
+        order = np.lexsort((total[indices], groups))
         places, first = np.unique(groups[order], return_index=True)
-        best = at[order[first]]
+        best = indices[order[first]]
         better = total[best] < self.total[places]
         places, best = places[better], best[better]
         self.total[places], self.criteria[places] = total[best], criteria[best]
@@ -242,7 +244,7 @@ def worst(rows: tuple[ConstraintRows, ...], count: int) -> tuple[np.ndarray, np.
     for r in rows:
         if not r.margins.shape[1]:
             continue
-        own = np.min(np.nan_to_num(r.margins, nan=-np.inf), axis=1)
-        kind[own < np.minimum(margin, -FEASIBLE)] = r.kind
-        margin = np.minimum(margin, own)
+        least_margin = np.min(np.nan_to_num(r.margins, nan=-np.inf), axis=1)
+        kind[least_margin < np.minimum(margin, -FEASIBLE)] = r.kind
+        margin = np.minimum(margin, least_margin)
     return margin, kind

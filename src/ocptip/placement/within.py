@@ -52,8 +52,8 @@ def rest_case(placement: Placement, case: TaskLoad, tolerance: Uncertainty) -> R
     robot, back = problem.robot, placement.base_rotation.T
     placed = problem.stands[placement.patch].footing(placement.parameters).support.contacts
     contacts = [
-        replace(c, position=at.position, normal=at.normal, tangent=at.tangent)
-        for c, at in zip(robot.support.contacts, placed, strict=True)
+        replace(c, position=position.position, normal=position.normal, tangent=position.tangent)
+        for c, position in zip(robot.support.contacts, placed, strict=True)
     ]
     support = robot.support.varied(contacts, gravity=back @ np.asarray(problem.gravity, dtype=float))
     weights, tool = bodies(robot, placement.angles[case.task], tolerance, robot.payload)

@@ -37,8 +37,8 @@ _COVER, _ADAPTER, _CABLE, _WRIST = (77.0, 77.0, 77.0, 60.0), 50.0, 15.0, 60.0  #
 
 def codes(name: str) -> tuple[str, ...]:
     """The four connections of a sequence, () where `name` is none."""
-    found = tuple(_CODE.findall(name))
-    return found if "".join(found) == name and len(found) == 4 else ()
+    result = tuple(_CODE.findall(name))
+    return result if "".join(result) == name and len(result) == 4 else ()
 
 
 def described(name: str, arms: dict[str, Any]) -> dict[str, Any]:
@@ -90,14 +90,14 @@ def _forms(sequence: tuple[str, ...]) -> list[str]:
 
 def _known(place: int, arms: dict[str, Any]) -> dict[str, dict[str, Any]]:
     """Links that connect modules at this place, 0 to 3, by form."""
-    found: dict[str, dict[str, Any]] = {}
-    for own in (place, *({0, 1} - {place} if place < 2 else ())):
+    table: dict[str, dict[str, Any]] = {}
+    for axis_number in (place, *({0, 1} - {place} if place < 2 else ())):
         for name, arm in arms.items():
-            found.setdefault(_forms(codes(name))[own], _link(arm, own))
-    for form, link in list(found.items()):
+            table.setdefault(_forms(codes(name))[axis_number], _link(arm, axis_number))
+    for form, link in list(table.items()):
         if form in _OTHER:
-            found.setdefault(_OTHER[form], _mirrored(link) if form[0] == "W" else _turned(link))
-    return found
+            table.setdefault(_OTHER[form], _mirrored(link) if form[0] == "W" else _turned(link))
+    return table
 
 
 def _link(arm: dict[str, Any], i: int) -> dict[str, Any]:
@@ -122,7 +122,7 @@ def _turned(link: dict[str, Any]) -> dict[str, Any]:
 
 def _spheres(rows: dict[str, Any]) -> dict[str, Any]:
     """Spheres that cover modules, adapters and cables of links 1 to 4, as those of (B.25) do."""
-    found: dict[str, Any] = {"B": {"centres_from_Q1_mm": [[0, 0, -_HALF[0]]], "R_mm": [_COVER[0]]}}
+    spheres: dict[str, Any] = {"B": {"centres_from_Q1_mm": [[0, 0, -_HALF[0]]], "R_mm": [_COVER[0]]}}
     for i in range(4):
         to_next, axis = np.array(rows["r_QQ"][i], dtype=float), np.array(rows["A0"][i + 1])[:, 2]
         parts = [((0.0, 0.0, _HALF[i]), _COVER[i]), (rows["r_QA"][i], _ADAPTER)]
@@ -132,12 +132,12 @@ def _spheres(rows: dict[str, Any]) -> dict[str, Any]:
             parts.append((to_next + rows["r_QM_next_from_Qk"][i], _WRIST))
         cables = ((rows[f"r_QK{k}"][i], rows[f"m_K{k}_g"][i]) for k in (1, 2))
         parts += [(point, _CABLE) for point, mass in cables if mass]
-        found[str(i + 1)] = {
+        spheres[str(i + 1)] = {
             "link": i + 1,
             "centres_from_Q_mm": [list(map(float, point)) for point, _ in parts],
             "R_mm": [radius for _, radius in parts],
         }
-    return found
+    return spheres
 
 
 _GRAM, _MM, _GRAM_MM2 = 1e-3, 1e-3, 1e-9
@@ -276,11 +276,11 @@ def assemble_links(name: str) -> Links:
         points = np.array([point for _, point in parts], dtype=float) * _MM
         total = mass.sum()
         centre = mass @ points / total if total else np.zeros(3)
-        own = np.array(data["theta_M2_gmm2"][i]) + np.array(data["theta_M1_gmm2"][i])
+        inertia = np.array(data["theta_M2_gmm2"][i]) + np.array(data["theta_M1_gmm2"][i])
         steiner = sum(parallel_axis(m, point - centre) for m, point in zip(mass, points, strict=True))
         masses.append(total)
         centres.append(centre)
-        inertias.append(own * _GRAM_MM2 + steiner)
+        inertias.append(inertia * _GRAM_MM2 + steiner)
     return Links(np.array(masses), np.array(centres), np.array(inertias))
 
 

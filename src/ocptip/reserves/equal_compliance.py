@@ -60,10 +60,10 @@ def equal_sharing(states: ContactStates) -> EqualSharing | None:
     if (slip := _equal_slip(states.support)) is None:
         return None
     rows, forces = _on_equal_springs(states, slip)
-    own = replace(states.select(rows), support=slip.support).changed(
+    stick_states = replace(states.select(rows), support=slip.support).changed(
         np.arange(len(rows)), {"contact_forces": forces}
     )
-    reserve = slip.evaluate(own, derivatives=False)
+    reserve = slip.evaluate(stick_states, derivatives=False)
 
     def scattered(values: np.ndarray) -> np.ndarray:
         every = np.full((len(states), *values.shape[1:]), np.nan)
@@ -128,4 +128,4 @@ def _on_equal_springs(states: ContactStates, slip: Slip) -> tuple[np.ndarray, np
     assert elastic is not None  # its feet have a stiffness
     rows = np.flatnonzero(states.persistent)
     shared = elastic.share(states.wrenches[rows])
-    return rows[shared.found], shared.forces[shared.found]
+    return rows[shared.balanced], shared.forces[shared.balanced]

@@ -63,10 +63,13 @@ class ForceSets:
     def __init__(self, support: Support) -> None:
         pieces = [contact.force_pieces() for contact in support.contacts]
         self.lower, self.upper = np.array([normal_range(contact) for contact in support.contacts]).T
-        most = max(len(own) for own in pieces)
-        padded = [[own[min(p, len(own) - 1)] for p in range(most)] for own in pieces]
+        most = max(len(contact_pieces) for contact_pieces in pieces)
+        padded = [
+            [contact_pieces[min(p, len(contact_pieces) - 1)] for p in range(most)]
+            for contact_pieces in pieces
+        ]
         self._minimum, self._maximum, self._radius, self._slope = (
-            np.array([[getattr(piece, name) for piece in own] for own in padded])
+            np.array([[getattr(piece, name) for piece in contact_pieces] for contact_pieces in padded])
             for name in ("normal_min", "normal_max", "radius", "slope")
         )
         self.single_pieces = most == 1
@@ -155,7 +158,7 @@ class FreeForces:
         bases = [self.basis(pattern, with_normals) for pattern in patterns]
         shapes = [(basis.shape, J is not None) for _, basis, J in bases]
         for shape in sorted(set(shapes)):
-            members = [p for p, own in enumerate(shapes) if own == shape]
+            members = [p for p, shape_of_piece in enumerate(shapes) if shape_of_piece == shape]
             place = np.full(len(patterns), -1)
             place[members] = np.arange(len(members))
             inside = place[which] >= 0

@@ -69,10 +69,17 @@ class FourFeet:
     def share(self, wrenches: np.ndarray) -> SharedLoads:
         """Shared loads under wrenches (N, 6) on the base, N and N m."""
         count = len(wrenches)
-        found = SharedLoads(*(np.full((count, *shape), np.nan) for shape in ((), (4,), (4,))))
+        shared_loads = SharedLoads(*(np.full((count, *shape), np.nan) for shape in ((), (4,), (4,))))
         given = np.ascontiguousarray(wrenches), self._loads, self._normals, self._shift, self._friction
-        _share_all(*given, self._J, self._equal, found.usage, found.normal_forces, found.friction_used)
-        return found
+        _share_all(
+            *given,
+            self._J,
+            self._equal,
+            shared_loads.usage,
+            shared_loads.normal_forces,
+            shared_loads.friction_used,
+        )
+        return shared_loads
 
 
 @lru_cache(maxsize=8)
@@ -132,11 +139,11 @@ def _least(h, low, high, start, shift, friction, one, other, J, bases, limit, he
     """The minimum usage over the segment of normal forces; NaN where it is not certain."""
     # The ends of the segment unload a contact, whose limit would be 0: the search stays a little inside.
     inside = _INSIDE * (high - low)
-    left, right, at = low + inside, high - inside, low + inside
+    left, right, value = low + inside, high - inside, low + inside
     slope_left, slope_right, side = 0.0, 0.0, 0
     for step in range(_STEPS):
         for i in range(4):
-            limit[0, i] = friction[i] * (start[i] + at * shift[i])
+            limit[0, i] = friction[i] * (start[i] + value * shift[i])
         upper, lower = _planar(h, limit, bases, held, pulls, friction, one, other, J)
         if upper - lower <= _SURE * max(1.0, upper):
             return upper
@@ -146,7 +153,7 @@ def _least(h, low, high, start, shift, friction, one, other, J, bases, limit, he
         if step == 0:
             if slope <= 0:
                 break
-            slope_left, at = slope, right
+            slope_left, value = slope, right
             continue
         if step == 1:
             if slope >= 0:
@@ -155,16 +162,16 @@ def _least(h, low, high, start, shift, friction, one, other, J, bases, limit, he
         # Illinois method: halving the slope of an end that stays twice keeps the steps from creeping to one
         # side.
         elif slope > 0:
-            left, slope_left = at, slope
+            left, slope_left = value, slope
             if side == 1:
                 slope_right *= 0.5
             side = 1
         else:
-            right, slope_right = at, slope
+            right, slope_right = value, slope
             if side == -1:
                 slope_left *= 0.5
             side = -1
-        at = (left * slope_right - right * slope_left) / (slope_right - slope_left)
+        value = (left * slope_right - right * slope_left) / (slope_right - slope_left)
     return np.nan
 
 

@@ -169,20 +169,22 @@ def _one_by_one(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalO
     for iteration in range(_MAX_ITERATIONS):
         if len(todo) == 0:
             break
-        own, t = forces.take(todo), best.usage[todo].copy()
+        force_range, t = forces.take(todo), best.usage[todo].copy()
         # Every second program bisects, which helps where the iteration of Dinkelbach is slow (limits of very
         # different size).
         halves = (iteration % 2 == 1) & (known_too_small[todo] < (1.0 - _NEAR) * t)
         t[halves] = (t[halves] + known_too_small[todo[halves]]) / 2
-        x, multipliers, best.status[todo] = batch.solve(*_program(q[todo], Q[todo], own, t, best.z[todo]))
+        x, multipliers, best.status[todo] = batch.solve(
+            *_program(q[todo], Q[todo], force_range, t, best.z[todo])
+        )
         best.iterations[todo] += 1
         usable = np.isfinite(x).all(axis=1)
         too_small = usable & halves & (x[:, 0] > 0)
         known_too_small[todo[too_small]] = t[too_small]
         usable &= ~too_small
-        rows, own = todo[usable], own.take(usable)
+        rows, force_range = todo[usable], force_range.take(usable)
         before = best.usage[rows]
-        _improve(best, rows, q[rows], Q[rows], own, x[usable], multipliers[usable], t[usable])
+        _improve(best, rows, q[rows], Q[rows], force_range, x[usable], multipliers[usable], t[usable])
         decrease = (before - best.usage[rows]) / np.maximum(before, _SMALLEST_DIVISOR)
         # A failed program ends the iteration, a failed trial of the bisection only that trial.
         finished = ~usable & ~halves
@@ -191,9 +193,9 @@ def _one_by_one(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalO
         for points in (best.z[rows], x[usable, 1:]):  # the program's point where the best one is another
             if not np.any(near):
                 break
-            at = rows[near]
-            start = points[near], best.usage[at], best.pull[at], best.normal_pull[at]
-            proven = _polish(best, at, q[at], Q[at], own.take(near), *start)
+            row = rows[near]
+            start = points[near], best.usage[row], best.pull[row], best.normal_pull[row]
+            proven = _polish(best, row, q[row], Q[row], force_range.take(near), *start)
             finished[np.flatnonzero(usable)[near]] |= proven
             near[np.flatnonzero(near)[proven]] = False
         todo = todo[~finished]
@@ -213,9 +215,9 @@ def _by_one_program(
     if not len(rows):
         return proven
     # s counts in units of 1 / usage, so that it is at least 1; x_0 is -s
-    one, at = forces.take(rows), q[rows] / best.usage[rows, None, None]
-    A, b = _program(np.zeros_like(at), Q[rows], one, np.ones(len(rows)), best.z[rows])
-    column = np.concatenate([np.zeros((*at.shape[:2], 1)), at], axis=2)[:, one.rough[0]]
+    one, usage = forces.take(rows), q[rows] / best.usage[rows, None, None]
+    A, b = _program(np.zeros_like(usage), Q[rows], one, np.ones(len(rows)), best.z[rows])
+    column = np.concatenate([np.zeros((*usage.shape[:2], 1)), usage], axis=2)[:, one.rough[0]]
     ends = A.shape[1] - 2 * q.shape[1]
     A[:, :ends, 0] = column.reshape(len(rows), ends)
     x, multipliers, best.status[rows] = batch.solve(A, b)
@@ -229,11 +231,11 @@ def _by_one_program(
     normal = np.einsum("szy,sy->sz", projection[rows], z)
     x = np.concatenate([np.zeros((len(rows), 1)), normal + t[:, None] * (z - normal)], axis=1)
     multipliers[:, ends:] *= t[:, None]  # of limits t times as large
-    q, Q, own = q[rows], Q[rows], forces.take(rows)
-    _improve(best, rows, q, Q, own, x, multipliers, t)
+    q, Q, force_range = q[rows], Q[rows], forces.take(rows)
+    _improve(best, rows, q, Q, force_range, x, multipliers, t)
     best.gap[rows] = np.inf  # not known before the conditions are checked
     start = best.z[rows], best.usage[rows], best.pull[rows], best.normal_pull[rows]
-    proven[rows] = _polish(best, rows, q, Q, own, *start)
+    proven[rows] = _polish(best, rows, q, Q, force_range, *start)
     return proven
 
 

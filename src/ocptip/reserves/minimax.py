@@ -214,8 +214,8 @@ def _least_squares(u: np.ndarray, P: np.ndarray) -> Minimax:
     usage = usages[rows, worst]
     needed = usage > ZERO_USAGE
     pull = np.zeros_like(u)
-    at = rows[needed], worst[needed]
-    pull[at] = u[at] / usage[needed, None]
+    worst_rows = rows[needed], worst[needed]
+    pull[worst_rows] = u[worst_rows] / usage[needed, None]
     known = ~needed if P.shape[3] else np.ones(len(u), dtype=bool)
     status = np.where(known, "direct", "not attempted").astype(object)
     return Minimax(usage, u.copy(), pull, np.where(known, 0.0, np.inf), status)

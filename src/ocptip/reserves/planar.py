@@ -265,35 +265,35 @@ def _best_pivot(load, limit, basis, pivots, v, u, pull, forces):
     u is scaled so that the friction's power is the usage.
     """
     n = len(limit)
-    best, at, side = -1.0, 0, 1.0
+    best, contact, side = -1.0, 0, 1.0
     for i in range(n):
         friction = _slide(limit, basis, pivots[i], v)
         power = _power(load, pivots[i])
         if abs(power) > best * friction:
-            best, at, side = abs(power) / friction, i, 1.0 if power >= 0 else -1.0
+            best, contact, side = abs(power) / friction, i, 1.0 if power >= 0 else -1.0
     for r in range(3):
-        u[r] = side * pivots[at, r]
+        u[r] = side * pivots[contact, r]
     friction = _slide(limit, basis, u, v)
     for r in range(3):
         pull[r] = load[r]
     for i in range(n):
-        if i != at:
+        if i != contact:
             share = best * limit[i] / v[i, 2]
             forces[i, 0], forces[i, 1] = share * v[i, 0], share * v[i, 1]
             for r in range(3):
                 pull[r] -= share * (v[i, 0] * basis[i, 0, r] + v[i, 1] * basis[i, 1, r])
     # the contact turned about has to hold the rest of the load with no more than the others' usage
-    first, second = basis[at, 0], basis[at, 1]
+    first, second = basis[contact, 0], basis[contact, 1]
     a, b, c = _power(first, first), _power(first, second), _power(second, second)
     x, y = _power(first, pull), _power(second, pull)
     x, y = (c * x - b * y) / (a * c - b * b), (a * y - b * x) / (a * c - b * b)
-    forces[at, 0], forces[at, 1] = x, y
+    forces[contact, 0], forces[contact, 1] = x, y
     force = np.sqrt(x * x + y * y)
     x, y = (c * x - b * y) / (a * c - b * b), (a * y - b * x) / (a * c - b * b)  # moves it along the force
     for r in range(3):
         u[r] *= best / friction
         pull[r] = (x * first[r] + y * second[r]) / max(force, 1e-300)
-    return force <= best * limit[at] * (1 + _GAP)
+    return force <= best * limit[contact] * (1 + _GAP)
 
 
 @compiled

@@ -209,14 +209,14 @@ class Slip:
         every = np.arange(len(wrenches[0]))
         if len(every) <= _FIRST or (rows := self.half_spaces(1.0)) is None:
             return values(every)
-        order = np.argsort(-np.max([_beyond(rows, own) for own in wrenches], axis=0))
-        first, others, found = order[:_FIRST], order[_FIRST:], np.empty(len(every))
-        found[first] = values(first)
-        found[others] = level = self.level_below(float(np.max(known(found[first]))))
+        order = np.argsort(-np.max([_beyond(rows, wrench) for wrench in wrenches], axis=0))
+        first, others, result = order[:_FIRST], order[_FIRST:], np.empty(len(every))
+        result[first] = values(first)
+        result[others] = level = self.level_below(float(np.max(known(result[first]))))
         if (rows := self.half_spaces(level)) is not None:
-            others = others[np.any([_beyond(rows, own[others]) > 0 for own in wrenches], axis=0)]
-        found[others] = values(others)
-        return found
+            others = others[np.any([_beyond(rows, wrench[others]) > 0 for wrench in wrenches], axis=0)]
+        result[others] = values(others)
+        return result
 
     @staticmethod
     def level_below(maximum: float) -> float:
@@ -234,8 +234,8 @@ class Slip:
     @property
     def sure(self) -> float:
         """GT up to which contacts hold for sure; as pyramids they may let go before round cones do."""
-        own = self.support.contacts if self._sets.ordinary else ()
-        return min((1 - radius_error(contact.facets) for contact in own), default=1.0)
+        contacts = self.support.contacts if self._sets.ordinary else ()
+        return min((1 - radius_error(contact.facets) for contact in contacts), default=1.0)
 
     def within(self, GT: float) -> tuple[ConeMap | SlipMap, float]:
         """A smooth function of the wrench for programs, and a bound of it below which GT is at most this.
@@ -245,8 +245,10 @@ class Slip:
         most = min(GT, self.sure)
         rows = self.half_spaces(most) if self.redistribution == "full" else None
         if rows is None:
-            own = self.map(most if self._sets.ordinary else np.inf)  # of clamps smooth only while they hold
-            return own, most if own.smooth else GT
+            slip_map = self.map(
+                most if self._sets.ordinary else np.inf
+            )  # of clamps smooth only while they hold
+            return slip_map, most if slip_map.smooth else GT
         weight = self.support.mass * float(np.linalg.norm(self.support.gravity))
         return ConeMap(rows, max(float(np.mean(self._sets.friction)), 0.1) * weight), 1.0
 
@@ -259,13 +261,13 @@ class Slip:
     def _redistribute_tangential(self, work: _Work) -> None:
         todo = np.flatnonzero(work.carries.any(axis=1))
         for rows, picked, basis, J in self._free.groups(todo, work.carries, with_normals=False):
-            at, Q = (rows[:, None], picked), basis[:, :, 1:]
-            limits, slope = work.limits.value[at], work.limits.slope[at]
-            optimum = minimise_usage(work.forces[at][:, :, 1:], Q, limits, J)
-            work.forces[(*at, slice(1, None))] = optimum.forces
-            work.pull[(*at, slice(1, None))] = optimum.pull
-            work.pull[(*at, 0)] = -optimum.usage[:, None] * lengths(optimum.pull) * slope
-            work.usage[at] = lengths(work.forces[at][:, :, 1:]) / limits
+            picks, Q = (rows[:, None], picked), basis[:, :, 1:]
+            limits, slope = work.limits.value[picks], work.limits.slope[picks]
+            optimum = minimise_usage(work.forces[picks][:, :, 1:], Q, limits, J)
+            work.forces[(*picks, slice(1, None))] = optimum.forces
+            work.pull[(*picks, slice(1, None))] = optimum.pull
+            work.pull[(*picks, 0)] = -optimum.usage[:, None] * lengths(optimum.pull) * slope
+            work.usage[picks] = lengths(work.forces[picks][:, :, 1:]) / limits
             work.ratio[rows], work.gap[rows] = optimum.usage, optimum.gap
             for row, solved, status in zip(rows, optimum.solved, optimum.status, strict=True):
                 work.status[row] = "solved" if solved else f"not proved, an upper bound (Clarabel: {status})"
@@ -289,29 +291,31 @@ class Slip:
 
     def _redistribute_full(self, work: _Work, todo: np.ndarray) -> None:
         for rows, picked, basis, _ in self._free.groups(todo, work.carries, with_normals=True):
-            at, unit, Q = (rows[:, None], picked), work.scale[rows][:, None], basis[:, :, 1:]
+            picks, unit, Q = (rows[:, None], picked), work.scale[rows][:, None], basis[:, :, 1:]
             grip = self._sets.grip[picked]
             units = unit[:, :, None] * force_units(grip, basis.shape[2])
-            limits, forces = work.limits, work.forces[at] / units
+            limits, forces = work.limits, work.forces[picks] / units
             normals = ForceRange(
                 normal=forces[:, :, 0],
                 per_z=basis[:, :, 0],
-                radius=limits.radius[at] / unit / grip,
-                slope=limits.slope[at] / grip,
-                lower=np.maximum(limits.normal_min[at] / unit, -LARGEST_SQUEEZE),
-                upper=np.minimum(limits.normal_max[at] / unit, LARGEST_SQUEEZE),
+                radius=limits.radius[picks] / unit / grip,
+                slope=limits.slope[picks] / grip,
+                lower=np.maximum(limits.normal_min[picks] / unit, -LARGEST_SQUEEZE),
+                upper=np.minimum(limits.normal_max[picks] / unit, LARGEST_SQUEEZE),
             )
             optimum = minimise_fraction(forces[:, :, 1:], Q, normals)
             new_normals, new_limits = normals.normals(optimum.z), normals.limits(optimum.z)
             tangential = forces[:, :, 1:] + forces_of(Q, optimum.z)
-            work.forces[at] = np.concatenate([new_normals[:, :, None], tangential], axis=2) * units
+            work.forces[picks] = np.concatenate([new_normals[:, :, None], tangential], axis=2) * units
             known = np.isfinite(optimum.gap)
             work.pull[rows[known]] = 0.0
             work.pull[rows[known, None], picked[known]] = (
                 np.concatenate([optimum.normal_pull[:, :, None], optimum.pull], axis=2) / units
             )[known]
             loaded = new_limits > NEGLIGIBLE_LIMIT * np.max(new_limits, axis=1, keepdims=True)
-            work.usage[at] = np.where(loaded, lengths(tangential) / np.where(loaded, new_limits, 1.0), np.nan)
+            work.usage[picks] = np.where(
+                loaded, lengths(tangential) / np.where(loaded, new_limits, 1.0), np.nan
+            )
             work.ratio[rows], work.gap[rows] = optimum.usage, optimum.gap
             squeezed = np.any(np.abs(new_normals) > 0.99 * LARGEST_SQUEEZE, axis=1)
             for i, row in enumerate(rows):
@@ -376,8 +380,8 @@ class SlipMap:
         if np.max(np.abs(support.wrench_matrix @ forces.reshape(-1, 6) + np.eye(6))) > _RANK_TOLERANCE:
             return
         loads = np.einsum("ikr,ikw->rw", J, forces[rough, 1:])
-        limits, own = sets.friction[:, None] * forces[:, 0], np.ascontiguousarray
-        self._smooth = own(loads), own(limits[rough]), own(sets.radius[rough]), own(J)
+        limits, packed = sets.friction[:, None] * forces[:, 0], np.ascontiguousarray
+        self._smooth = packed(loads), packed(limits[rough]), packed(sets.radius[rough]), packed(J)
         self._casters = forces[~rough, 0], sets.lower[~rough]
 
     @property

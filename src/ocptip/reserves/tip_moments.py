@@ -95,10 +95,10 @@ class AddableMoments:
         self, wrenches: np.ndarray, normal_forces: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Moments (N, axes), N m, and derivatives (N, axes, 6), see `found`."""
-        found = self.found(wrenches, normal_forces)
-        return found.moments, found.slopes
+        result = self.addable(wrenches, normal_forces)
+        return result.moments, result.slopes
 
-    def found(self, wrenches: np.ndarray, normal_forces: np.ndarray | None = None) -> Addable:
+    def addable(self, wrenches: np.ndarray, normal_forces: np.ndarray | None = None) -> Addable:
         """Moments, derivatives and forces at the wrenches that the contacts balance.
 
         Args:
@@ -118,16 +118,16 @@ class AddableMoments:
             if len(wheels := np.flatnonzero(np.isfinite(self._sets.along))):
                 k = int(wheels[0]) + 1
                 raise InputError(f"contacts: contact {k} is a wheel; wheels need contacts on one plane")
-            at, axis = todo.T
+            rows, axis = todo.T
             if normal_forces is None:
                 normal_forces = np.zeros((count, self._support.n_contacts))
             scale = np.max(np.abs(normal_forces), axis=1, initial=0.0)
             limits = self._sets.limits(normal_forces, np.where(scale > 0, scale, 1.0))
-            found, slope, force = self._solve(wrenches[at], axis, limits, at)
-            known = np.isfinite(found)
-            moments[at[known], axis[known]] = found[known]
-            slopes[at[known], axis[known]] = slope[known]
-            forces[at[known], axis[known]] = force[known]
+            result, slope, force = self._solve(wrenches[rows], axis, limits, rows)
+            known = np.isfinite(result)
+            moments[rows[known], axis[known]] = result[known]
+            slopes[rows[known], axis[known]] = slope[known]
+            forces[rows[known], axis[known]] = force[known]
         return Addable(moments, slopes, forces)
 
     def closed_form(self, wrenches: np.ndarray) -> np.ndarray:
@@ -148,9 +148,9 @@ class AddableMoments:
             reach = np.where(turns[i] > _PARALLEL, moments / np.maximum(turns[i], _PARALLEL), np.inf)
             first = np.argmin(np.where(self._closed, reach, np.inf), axis=1)
             for k in np.unique(first):
-                own = np.flatnonzero((first == k) & ~tips)
-                ends = wrenches[own] + reach[own, k, None] * self._couples[i]
-                certain[own, i] = self._two_contacts_carry(k, ends)
+                indices = np.flatnonzero((first == k) & ~tips)
+                ends = wrenches[indices] + reach[indices, k, None] * self._couples[i]
+                certain[indices, i] = self._two_contacts_carry(k, ends)
         certain[np.ix_(tips, self._closed)] = True
         return certain
 
@@ -195,7 +195,7 @@ class AddableMoments:
         return (-b / a - half, -b / a + half), (root >= 0) & (n0 - b / a * n1 >= 0)
 
     def _solve(
-        self, wrenches: np.ndarray, axis: np.ndarray, limits: ForceLimits, at: np.ndarray
+        self, wrenches: np.ndarray, axis: np.ndarray, limits: ForceLimits, rows: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """M (P,), derivatives (P, 6), forces (P, d n) by cone programs; NaN where there are none.
 
@@ -207,18 +207,18 @@ class AddableMoments:
         scaling = np.ones(size)
         scaling[d:] /= support.length
         G, couples = scaling[:, None] * support.wrench_matrix, scaling * self._couples * support.length
-        unit = np.maximum(np.max(np.abs(scaling * wrenches), axis=1), limits.largest[at])
+        unit = np.maximum(np.max(np.abs(scaling * wrenches), axis=1), limits.largest[rows])
         unit = np.where(unit > 0, unit, 1.0)
-        lower, upper = limits.normal_min[at] / unit[:, None], limits.normal_max[at] / unit[:, None]
-        A = np.zeros((len(at), size + n * d + 2 * n + 1, 1 + n * d))
+        lower, upper = limits.normal_min[rows] / unit[:, None], limits.normal_max[rows] / unit[:, None]
+        A = np.zeros((len(rows), size + n * d + 2 * n + 1, 1 + n * d))
         b = np.zeros(A.shape[:2])
         A[:, :size, 0], A[:, :size, 1:] = -couples[axis], G
         b[:, :size] = -scaling * wrenches / unit[:, None]
         columns = 1 + d * np.arange(n)
         for k in range(n):
             row = size + k * d
-            A[:, row, columns[k]] = -limits.slope[at, k]
-            b[:, row] = limits.radius[at, k] / unit
+            A[:, row, columns[k]] = -limits.slope[rows, k]
+            b[:, row] = limits.radius[rows, k] / unit
             A[:, row + np.arange(1, d), columns[k] + np.arange(1, d)] = -1.0
         ends = size + n * d
         A[:, ends + np.arange(n), columns] = -1.0
@@ -238,9 +238,9 @@ class AddableMoments:
             structure = np.zeros(A.shape[1:], dtype=bool)
             structure[:size] = True
             for k in range(n):
-                own = 1 + k * d + np.arange(d)
-                structure[size + k * d + np.arange(d), own] = True
-                structure[[size + n * d + k, size + n * d + n + k], own[0]] = True
+                columns = 1 + k * d + np.arange(d)
+                structure[size + k * d + np.arange(d), columns] = True
+                structure[[size + n * d + k, size + n * d + n + k], columns[0]] = True
             structure[-1, 0] = True
             cones = [clarabel.ZeroConeT(size), *[clarabel.SecondOrderConeT(d)] * n]
             cones.append(clarabel.NonnegativeConeT(2 * n + 1))
@@ -313,7 +313,7 @@ def _can_tip(lift: np.ndarray, sets: ForceSets, tolerance: float) -> bool:
 def _spatial_axes(
     positions: np.ndarray, normals: np.ndarray, sets: ForceSets, tolerance: float
 ) -> tuple[TippingAxis, ...]:
-    found = {}
+    spatial_axes = {}
     for i, j in combinations(range(len(positions)), 2):
         span = positions[j] - positions[i]
         if np.linalg.norm(span) <= tolerance:
@@ -328,27 +328,27 @@ def _spatial_axes(
         first = int(np.flatnonzero(along <= np.nanmin(along) + tolerance)[0])
         last = int(np.flatnonzero(along >= np.nanmax(along) - tolerance)[0])
         for contacts, sign in (((first, last), 1.0), ((last, first), -1.0)):
-            if contacts not in found and _can_tip(sign * lift, sets, tolerance):
-                found[contacts] = TippingAxis(contacts, positions[contacts[0]], sign * e, sign * lift)
-    return tuple(found.values())
+            if contacts not in spatial_axes and _can_tip(sign * lift, sets, tolerance):
+                spatial_axes[contacts] = TippingAxis(contacts, positions[contacts[0]], sign * e, sign * lift)
+    return tuple(spatial_axes.values())
 
 
 def _planar_axes(
     positions: np.ndarray, normals: np.ndarray, sets: ForceSets, tolerance: float
 ) -> tuple[TippingAxis, ...]:
-    found = []
+    planar_axes = []
     for i, point in enumerate(positions):
         arms = positions - point
         if np.any(np.linalg.norm(arms[:i], axis=1) <= tolerance):
             continue
         lift = normals[:, 1] * arms[:, 0] - normals[:, 0] * arms[:, 1]
         lift[np.abs(lift) <= tolerance] = 0.0
-        found += [
+        planar_axes += [
             TippingAxis((i, i), point, np.array([sign]), sign * lift)
             for sign in (1.0, -1.0)
             if _can_tip(sign * lift, sets, tolerance)
         ]
-    return tuple(found)
+    return tuple(planar_axes)
 
 
 def _free_axes(positions: np.ndarray, centred: np.ndarray) -> tuple[TippingAxis, ...]:

@@ -171,7 +171,7 @@ class TipOver:
 
         Args:
             wrenches: N and N m about the centre of mass.
-            normal_forces: (N, n), N, see `AddableMoments.found`.
+            normal_forces: (N, n), N, see `AddableMoments.addable`.
         """
         addable = self.addable_moments
         if self.on_plane:

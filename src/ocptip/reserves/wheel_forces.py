@@ -34,7 +34,10 @@ class WheelForces:
 
     def __init__(self, support: Support, sets: ForceSets) -> None:
         self._sets, self._rays = sets, LoadRays(support)
-        normals, places = support.frames[:, :, 0], np.array([own.position for own in support.contacts])
+        normals, places = (
+            support.frames[:, :, 0],
+            np.array([contact.position for contact in support.contacts]),
+        )
         n, first = normals[0], places[0]
         heights = (places - first) @ n
         if np.max(np.abs(heights)) > _ON_PLANE * support.length or np.max(np.abs(normals - n)) > _ON_PLANE:
@@ -52,11 +55,11 @@ class WheelForces:
             work: see `Slip`.
         """
         for row in np.flatnonzero(work.states.solved):
-            found = self.usage(work.states.wrenches[row]) if work.states.persistent[row] else None
-            if found is None:
+            result = self.usage(work.states.wrenches[row]) if work.states.persistent[row] else None
+            if result is None:
                 work.ratio[row] = max(work.ratio[row], 1.0)
                 continue
-            work.ratio[row], work.slopes[row], work.forces[row], work.usage[row] = found
+            work.ratio[row], work.slopes[row], work.forces[row], work.usage[row] = result
             work.pull[row], work.gap[row], work.status[row] = 0.0, 0.0, "solved"
 
     def usage(self, wrench: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, np.ndarray] | None:

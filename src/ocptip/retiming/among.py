@@ -65,9 +65,9 @@ def no_worse_than_line(plan: MotionPlan) -> MotionPlan:
         line = _timed(task, rounded_lines(ends, ()), plan.seed)
     except PlanningError:
         return plan
-    cost, own = (task.objective.cost(one.energy, one.duration) for one in (line, plan))
+    cost, plan_cost = (task.objective.cost(one.energy, one.duration) for one in (line, plan))
     seconds = plan.seconds + time.perf_counter() - began
-    if cost > (1 - LEAST_GAIN) * own:
+    if cost > (1 - LEAST_GAIN) * plan_cost:
         return replace(plan, seconds=seconds)
     path = {"made_of": "the straight line of the joints", "searched_s": plan.seconds}
     return replace(line, seconds=seconds, options={**plan.options, "method": "path", "path": path})

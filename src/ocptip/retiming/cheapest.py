@@ -157,12 +157,12 @@ class CheapestProgram:
         """First columns of z, of costs, of joints' costs (N, n, 2), of durations."""
         count, n = self.on_p.shape
         y = 2 * (count + 1) + np.arange(count)
-        own = 3 * count + 2 + np.arange(2 * count * n * self.by_joint)
-        t = 3 * count + 2 + len(own) + np.arange(count)
-        return count + 1 + np.arange(count + 1), y, own.reshape(-1, n, 2), t
+        columns = 3 * count + 2 + np.arange(2 * count * n * self.by_joint)
+        t = 3 * count + 2 + len(columns) + np.arange(count)
+        return count + 1 + np.arange(count + 1), y, columns.reshape(-1, n, 2), t
 
     def _rows(self, program: _ConeRows, polygons: Polygons) -> None:
-        z, _, own, t = self._places
+        z, _, by_joint, t = self._places
         bounds = self.grid.bounds / self.unit
         fixed = np.flatnonzero(bounds[:, 0] == bounds[:, 1])
         program.add("zero", [(fixed, np.ones(len(fixed)))], bounds[fixed, 0])
@@ -179,11 +179,11 @@ class CheapestProgram:
             np.maximum.at(size, A.row, np.abs(A.data) * self.unit)
             program.add_matrix(A.row, A.col, A.data * self.unit / size[A.row], b / size)
         if self.by_joint:
-            self._drawn(program, own)
+            self._drawn(program, by_joint)
         if np.isfinite(self.price.longest):
             program.add_sum(t, self.price.longest)
 
-    def _drawn(self, program: _ConeRows, own: np.ndarray) -> None:
+    def _drawn(self, program: _ConeRows, by_joint: np.ndarray) -> None:
         """Energy drawn by a joint in an interval is at least e, and r e."""
         z = self._places[0]
         for share in (1.0, self.drives.regeneration):
@@ -191,8 +191,8 @@ class CheapestProgram:
             for j in range(self.on_p.shape[1]):
                 i = np.arange(len(on_m))
                 entries = [
-                    (own[:, j, 1], -np.ones(len(i))),
-                    (own[:, j, 0], np.full(len(i), share)),
+                    (by_joint[:, j, 1], -np.ones(len(i))),
+                    (by_joint[:, j, 0], np.full(len(i), share)),
                     (i, on_m[:, j] * self.on_p[:, j]),
                     (i + 1, on_m[:, j] * self.on_q[:, j]),
                     (z[:-1], on_z[:, j]),
@@ -201,7 +201,7 @@ class CheapestProgram:
                 program.add("positive", entries, -on_m[:, j] * self.constant[:, j] - share * self.rub[:, j])
 
     def _cones(self, program: _ConeRows) -> None:
-        z, y, own, t = self._places
+        z, y, by_joint, t = self._places
         count = len(y)
         i, half = np.arange(count), np.full(count, 0.5)
         nodes, one = np.arange(count + 1), np.ones(count + 1)
@@ -221,7 +221,7 @@ class CheapestProgram:
             if np.any(self.steady > 0):
                 program.add_product([(y, unit)], mean, 0.0, [steady])
             for j, torque in enumerate(torques):
-                program.add_product([(own[:, j, 0], unit)], mean, 0.0, [torque])
+                program.add_product([(by_joint[:, j, 0], unit)], mean, 0.0, [torque])
         else:
             program.add_product([(y, unit)], mean, 0.0, [steady, *torques])
         if np.isfinite(self.price.longest):
@@ -229,11 +229,11 @@ class CheapestProgram:
             program.add_product([(t, unit)], mean, 0.0, [pace])
 
     def _cost(self, program: _ConeRows, tangent: np.ndarray | None) -> tuple[np.ndarray, float]:
-        z, y, own, _ = self._places
+        z, y, by_joint, _ = self._places
         cost, energy = np.zeros(self.columns), self.price.energy
         cost[y] = 1.0
         if self.by_joint:
-            cost[own[:, :, 1].ravel()] = energy
+            cost[by_joint[:, :, 1].ravel()] = energy
             return cost, 0.0
         straight = energy * self.straight
         i = np.arange(len(y))
@@ -312,7 +312,7 @@ class _ConeRows:
         for kind, blocks in self._kinds.items():
             count = 0
             for entries, right in blocks:
-                rows, columns, values = (np.concatenate(own) for own in zip(*entries, strict=True))
+                rows, columns, values = (np.concatenate(entry) for entry in zip(*entries, strict=True))
                 parts.append(scipy.sparse.csr_matrix((values, (rows, columns)), (len(right), self._columns)))
                 b.append(right)
                 count += len(right)
@@ -424,8 +424,8 @@ class PoweredTiming:
         i, rows = polygons.all_rows()
         a, b, c = rows.T
         size = np.maximum(np.maximum(np.abs(a), np.abs(b)) * unit**2, np.abs(c))
-        own = np.flatnonzero(size > 0)
-        i, a, b, c, size = i[own], a[own], b[own], c[own], size[own]
+        indices = np.flatnonzero(size > 0)
+        i, a, b, c, size = i[indices], a[indices], b[indices], c[indices], size[indices]
         rows = cs.DM(a / size) * x[i.tolist()] + cs.DM(b / size) * x[(i + 1).tolist()]
         top = c / size
         if len(couplings):
@@ -440,7 +440,7 @@ class PoweredTiming:
         guess = np.clip(np.sqrt(start) / unit, least, most)
         with interrupts_after([]):
             solver = nlpsol({"x": z, "f": cost, "g": rows}, _OPTIONS)
-            found = solver(x0=guess, lbx=least, ubx=np.minimum(most, 1e6), lbg=-np.inf, ubg=top)
+            result = solver(x0=guess, lbx=least, ubx=np.minimum(most, 1e6), lbg=-np.inf, ubg=top)
         if not solver.stats()["success"]:
             return None
-        return np.clip((unit * np.array(found["x"])[:, 0]) ** 2, *self._grid.bounds.T)
+        return np.clip((unit * np.array(result["x"])[:, 0]) ** 2, *self._grid.bounds.T)

@@ -64,7 +64,7 @@ class QuadraticDrives:
 
 def _below(motors: Motors, limits: JointLimits) -> QuadraticDrives:
     """By linear programs over samples of torque and speed; lower by what finer samples need."""
-    n, found = len(limits.speed), []
+    n, results = len(limits.speed), []
     for joint in range(n):
         coarse, fine = (_sampled(motors, limits, joint, _TORQUES * k, _SPEEDS * k) for k in (1, _FINER))
         best = None
@@ -78,8 +78,8 @@ def _below(motors: Motors, limits: JointLimits) -> QuadraticDrives:
                 best = fit.fun, shift, fit.x
         shift, values = (0.0, np.zeros(5)) if best is None else best[1:]
         above = float(np.max(_terms(fine[0] + shift, fine[1]) @ values - fine[2]))
-        found.append((shift, *values, max(above, 0.0)))
-    coulomb, standby, loss, mechanical, rub, drag, above = np.array(found).T
+        results.append((shift, *values, max(above, 0.0)))
+    coulomb, standby, loss, mechanical, rub, drag, above = np.array(results).T
     total = float(np.sum(standby) - np.sum(above))
     return QuadraticDrives(loss, coulomb, mechanical, rub, drag, total, 1.0, exact=False)
 

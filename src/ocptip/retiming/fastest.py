@@ -149,7 +149,7 @@ class Grid:
     def polygons(self, extra: ExtraRows) -> Polygons:
         """The feasible set of each interval under all rows."""
         count, planes = len(self.widths), self.planes
-        found = Polygons(
+        result = Polygons(
             np.zeros(count, dtype=np.int64),
             np.zeros((count, MOST, 3)),
             np.zeros((count, MOST), dtype=np.int64),
@@ -158,9 +158,9 @@ class Grid:
         ends = np.searchsorted(extra.intervals, np.arange(count + 1))
         reduced(
             planes.alpha, planes.beta, planes.gamma, self.places.caps, self.left, self.right, self.widths,
-            ends, extra.rows, found.counts, found.rows, found.numbers, found.corners,
+            ends, extra.rows, result.counts, result.rows, result.numbers, result.corners,
         )  # fmt: skip
-        return found
+        return result
 
     def name(self, number: int, extra: ExtraRows, interval: int) -> str:
         """Name of the limit of a row of an interval."""
@@ -186,12 +186,12 @@ class Between:
         inside = grid.by_clock(s, np.zeros(len(s), dtype=bool))
         self._planes = HalfPlanes.joined(map(limits.half_planes, inside))
         self._places = inside[0]
-        self._sides = [(own, self._intervals, self._shares) for own in inside]
+        self._sides = [(rows_inside, self._intervals, self._shares) for rows_inside in inside]
         if limits.curved:
             every = np.arange(count)
-            for own, share in ((grid.left, 0.0), (grid.right, 1.0)):
+            for rows_inside, share in ((grid.left, 0.0), (grid.right, 1.0)):
                 shares_there = np.full(count, share)
-                self._sides += [(places.some(own), every, shares_there) for places in grid.every]
+                self._sides += [(places.some(rows_inside), every, shares_there) for places in grid.every]
 
     def broken(self, x: np.ndarray, rows: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
         """Intervals, shares of them, rows (3, R) alpha u + beta x <= gamma, and names of what is broken.
@@ -200,19 +200,21 @@ class Between:
             x: (N + 1,), the timing.
             rows: evaluate all rows, not only tangents.
         """
-        found = [self._broken_rows(x)] if rows else []
+        results = [self._broken_rows(x)] if rows else []
         for places, intervals, shares in self._sides if self._grid.limits.curved else []:
             u, here = self._at(x, intervals, shares)
             tangents = self._grid.limits.tangents(places, u, here)
-            own = tangents.places
-            excess = tangents.alpha * u[own] + tangents.beta * here[own] - tangents.gamma
+            tangent_places = tangents.places
+            excess = (
+                tangents.alpha * u[tangent_places] + tangents.beta * here[tangent_places] - tangents.gamma
+            )
             bad = excess > _BEYOND
             block = np.stack([tangents.alpha, tangents.beta, tangents.gamma - _BEYOND])[:, bad]
             names = [tangents.names[k] for k in np.flatnonzero(bad)]
-            found.append((intervals[own[bad]], shares[own[bad]], block, names))
-        if not found:
+            results.append((intervals[tangent_places[bad]], shares[tangent_places[bad]], block, names))
+        if not results:
             return np.empty(0, dtype=int), np.empty(0), np.empty((3, 0)), []
-        intervals, shares, blocks, lists = zip(*found, strict=True)
+        intervals, shares, blocks, lists = zip(*results, strict=True)
         every = [name for names in lists for name in names]
         return np.concatenate(intervals), np.concatenate(shares), np.concatenate(blocks, axis=1), every
 
@@ -259,12 +261,12 @@ class FastestTiming:
 def spaced(path: JointPath, count: int = NODES) -> np.ndarray:
     """About `count` intervals between nodes; nearer to each other at ends and corners, where it is slow."""
     stops = np.concatenate([[0.0], path.breakpoints[path.corners], [1.0]])
-    found = [path.breakpoints]
+    results = [path.breakpoints]
     for begin, end in pairwise(stops):
-        own = max(8, round(count * (end - begin)))
-        t = np.linspace(0.0, 1.0, own + 1)
-        found.append(begin + (end - begin) * _eased(t))
-    return _merged(path, np.unique(np.concatenate(found)))
+        cells = max(8, round(count * (end - begin)))
+        t = np.linspace(0.0, 1.0, cells + 1)
+        results.append(begin + (end - begin) * _eased(t))
+    return _merged(path, np.unique(np.concatenate(results)))
 
 
 def enough(path: JointPath, count: int) -> int:
@@ -277,7 +279,7 @@ def enough(path: JointPath, count: int) -> int:
     s = np.append((ends[:-1, None] + shares * np.diff(ends)[:, None]).ravel(), 1.0)
     slopes = path.at(s)[1]
     signs = np.sign(np.where(np.abs(slopes) > _TURNING * np.abs(slopes).max(), slopes, 0.0))
-    turns = max(int(np.sum(np.diff(own[own != 0]) != 0)) for own in signs.T)
+    turns = max(int(np.sum(np.diff(sign_changes[sign_changes != 0]) != 0)) for sign_changes in signs.T)
     return round(count * min(max(1.0, turns / _TURNS), _MOST_TIMES))
 
 
@@ -291,12 +293,15 @@ def _eased(t: np.ndarray) -> np.ndarray:
 
 def _merged(path: JointPath, s: np.ndarray) -> np.ndarray:
     """Without nodes that are much nearer to a breakpoint than to the node on their other side."""
-    own = np.isin(s, path.breakpoints)
+    is_breakpoint = np.isin(s, path.breakpoints)
     steps = np.diff(s)
     kept = np.ones(len(s), dtype=bool)
     inner = np.arange(1, len(s) - 1)
-    for near, far, beside in ((steps[:-1], steps[1:], own[:-2]), (steps[1:], steps[:-1], own[2:])):
-        kept[inner] &= own[inner] | ~beside | (near > _CLOSE * far)
+    for near, far, beside in (
+        (steps[:-1], steps[1:], is_breakpoint[:-2]),
+        (steps[1:], steps[:-1], is_breakpoint[2:]),
+    ):
+        kept[inner] &= is_breakpoint[inner] | ~beside | (near > _CLOSE * far)
     return s[kept]
 
 
@@ -308,18 +313,18 @@ def fastest(grid: Grid, extra: ExtraRows) -> FastestTiming:
     """
     polygons = grid.polygons(extra)
     count = len(grid.widths)
-    found = np.empty((count + 1, 2))
-    stuck = controllable(polygons.counts, polygons.corners, grid.bounds, found)
+    values = np.empty((count + 1, 2))
+    stuck = controllable(polygons.counts, polygons.corners, grid.bounds, values)
     if stuck >= 0:
-        raise InputError(_refusal(grid, extra, polygons, found, stuck))
+        raise InputError(_refusal(grid, extra, polygons, values, stuck))
     x, active = np.empty(count + 1), np.zeros(count, dtype=np.int64)
-    x[0] = found[0, 1]
-    stuck = greatest(polygons.counts, polygons.rows, polygons.numbers, found, x, active)
+    x[0] = values[0, 1]
+    stuck = greatest(polygons.counts, polygons.rows, polygons.numbers, values, x, active)
     still = np.flatnonzero(np.maximum(x[1:], x[:-1]) <= 0) if stuck < 0 else np.array([stuck])
     if still.size:
         place, name = grid.s[still[0]], grid.name(int(active[still[0]]), extra, int(still[0]))
         raise InputError(f"path: at s = {place:.4f} it cannot go on" + (f" ({name})" if name else ""))
-    return FastestTiming(x, polygons, found, grid, extra)
+    return FastestTiming(x, polygons, values, grid, extra)
 
 
 def _deciding(grid: Grid, extra: ExtraRows, polygons: Polygons, x: np.ndarray) -> tuple[str, ...]:
@@ -332,12 +337,12 @@ def _deciding(grid: Grid, extra: ExtraRows, polygons: Polygons, x: np.ndarray) -
             np.isin(numbers, (-1, -2)), np.inf, margins
         )  # no limits: the speed is not negative
         near = np.flatnonzero(margins <= margins.min() + _SAME * max(x[i], x[i + 1]))
-        own = [grid.name(int(numbers[k]), extra, i) for k in near[np.argsort(margins[near])]]
-        names.append(names[-1] if names and names[-1] in own else own[0])
+        row_names = [grid.name(int(numbers[k]), extra, i) for k in near[np.argsort(margins[near])]]
+        names.append(names[-1] if names and names[-1] in row_names else row_names[0])
     return tuple(names)
 
 
-def _refusal(grid: Grid, extra: ExtraRows, polygons: Polygons, found: np.ndarray, stuck: int) -> str:
+def _refusal(grid: Grid, extra: ExtraRows, polygons: Polygons, result: np.ndarray, stuck: int) -> str:
     """Why no timing exists, with place, limit and amount."""
     place = grid.s[stuck]
     for places in grid.every:
@@ -347,7 +352,7 @@ def _refusal(grid: Grid, extra: ExtraRows, polygons: Polygons, found: np.ndarray
     if polygons.counts[stuck] == 0:
         name = grid.name(int(polygons.numbers[stuck, 0]), extra, stuck)
         return f"path: cannot be timed: no speed keeps all limits at {where(grid, place)} ({name})"
-    if stuck == 0 and found[0, 0] == grid.bounds[0, 0]:
+    if stuck == 0 and result[0, 0] == grid.bounds[0, 0]:
         least, most = np.sqrt(np.maximum(polygons.corners[0, : polygons.counts[0], 0], 0.0))[[0, -1]]
         asked = np.sqrt(grid.bounds[0, 0])
         return f"path: cannot begin with ds/dt = {asked:.4g} 1/s, its limits allow {least:.4g} to {most:.4g}"

@@ -105,11 +105,11 @@ class _Program:
         low = np.where(np.arange(g.numel()) < 2 * self.count, 0.0, -np.inf)
         with interrupts_after([]):
             solver = nlpsol({"x": cs.vertcat(v, a, h), "f": cs.sum1(h), "g": g}, _OPTIONS)
-            found = solver(x0=start, lbg=low, ubg=0.0, **self._bounds())
+            result = solver(x0=start, lbg=low, ubg=0.0, **self._bounds())
         if not solver.stats()["success"]:
             why = ending(solver.stats()["return_status"])
             raise SolverError(f"jerk: no timing within all limits ({why}); more jerk may help")
-        return np.array(found["x"])[:, 0]
+        return np.array(result["x"])[:, 0]
 
     def _bounds(self) -> dict[str, np.ndarray]:
         fixed, most = self.grid.bounds[:, 0] == self.grid.bounds[:, 1], self.most * self.unit
@@ -124,33 +124,33 @@ class _Program:
         middles = 0.5 * (grid.s[1:] + grid.s[:-1])
         piece = np.searchsorted(path.breakpoints, middles) - 1
         for places, begin in ((grid.left, 0), (grid.right, 1)):
-            own = slice(begin, begin + self.count)
-            beyond = (grid.s[own] - path.breakpoints[piece])[:, None]
+            block = slice(begin, begin + self.count)
+            beyond = (grid.s[block] - path.breakpoints[piece])[:, None]
             dddq = derivatives(path.coefficients[:, piece], beyond, 3)
             for joint in np.flatnonzero(np.isfinite(self.jerk)):
                 d1, d2 = grid.places.dq[places, joint], grid.places.ddq[places, joint]
                 scale = 1 / (self.jerk[joint] * self.unit**3)
                 yield (
-                    cs.DM(scale * dddq[:, joint]) * v[own] ** 3
-                    + cs.DM(3 * scale * d2) * v[own] * a[own]
+                    cs.DM(scale * dddq[:, joint]) * v[block] ** 3
+                    + cs.DM(3 * scale * d2) * v[block] * a[block]
                     + cs.DM(scale * d1) * third
                 )
 
     def rows_at_nodes(self) -> np.ndarray:
         """Rows that matter below the given timing."""
         planes, far = self.grid.planes, _FAR * float(np.max(np.abs(self.before.u)))
-        other, other_names, found = np.empty((MOST, 2)), np.empty(MOST, dtype=np.int64), [np.empty((4, 0))]
+        other, other_names, results = np.empty((MOST, 2)), np.empty(MOST, dtype=np.int64), [np.empty((4, 0))]
         for place, node in enumerate(self.nodes):
             top = self.most[node] ** 2
             polygon, names, n = np.zeros((MOST, 2)), np.full(MOST, -1, dtype=np.int64), 4
             polygon[:4] = [[-far, 0.0], [far, 0.0], [far, top], [-far, top]]
-            own = np.stack([planes.alpha[place], planes.beta[place], planes.gamma[place]])
-            for k, (alpha, beta, gamma) in enumerate(own.T):
+            form = np.stack([planes.alpha[place], planes.beta[place], planes.gamma[place]])
+            for k, (alpha, beta, gamma) in enumerate(form.T):
                 n = clipped(polygon, names, n, alpha, beta, gamma, k, other, other_names)
-            kept = own[:, np.setdiff1d(names[:n], [-1])]
+            kept = form[:, np.setdiff1d(names[:n], [-1])]
             if not self.still[node]:
-                found.append(np.vstack([np.full(kept.shape[1], node), kept]))
-        return np.hstack(found)
+                results.append(np.vstack([np.full(kept.shape[1], node), kept]))
+        return np.hstack(results)
 
     def tangents(self, unknown: np.ndarray) -> np.ndarray:
         """Rows of limits of which there are only tangents, where they are broken."""
@@ -158,11 +158,11 @@ class _Program:
         u, x = (a / self.unit**2)[self.nodes], ((v / self.unit) ** 2)[self.nodes]
         if not self.grid.limits.curved:
             return np.empty((4, 0))
-        found = self.grid.limits.tangents(self.grid.places, u, x)
-        own = found.places
-        bad = found.alpha * u[own] + found.beta * x[own] - found.gamma > _BEYOND
-        bad &= ~self.still[self.nodes[own]]
-        return np.stack([self.nodes[own], found.alpha, found.beta, found.gamma])[:, bad]
+        result = self.grid.limits.tangents(self.grid.places, u, x)
+        places = result.places
+        bad = result.alpha * u[places] + result.beta * x[places] - result.gamma > _BEYOND
+        bad &= ~self.still[self.nodes[places]]
+        return np.stack([self.nodes[places], result.alpha, result.beta, result.gamma])[:, bad]
 
     def motion(self, unknown: np.ndarray) -> Trajectory:
         """The timing: cubics in t with the speeds and the times of the solution."""

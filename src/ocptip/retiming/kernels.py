@@ -44,11 +44,11 @@ def reduced(alpha, beta, gamma, caps, left, right, widths, ends, extra, counts, 
                 if most < gamma[one, k] - _SURELY * abs(gamma[one, k]):
                     continue
             elif k < 2 * size:
-                at = k - size
-                most = _most(beta[two, at], reach[2], reach[3]) + _most(
-                    alpha[two, at] * h, reach[4], reach[5]
+                entry = k - size
+                most = _most(beta[two, entry], reach[2], reach[3]) + _most(
+                    alpha[two, entry] * h, reach[4], reach[5]
                 )
-                if most < gamma[two, at] - _SURELY * abs(gamma[two, at]):
+                if most < gamma[two, entry] - _SURELY * abs(gamma[two, entry]):
                     continue
             a, b, c = _row(alpha, beta, gamma, one, two, h, extra, ends[i], size, k)
             n = clipped(polygon, names, n, a, b, c, k, other, other_numbers)
@@ -162,7 +162,7 @@ def _beyond(polygon, k, a, b, c):
 
 
 @compiled
-def controllable(counts, corners, bounds, found):
+def controllable(counts, corners, bounds, result):
     """From which x at the nodes the rest can be done: `found` (N + 1, 2), minimum and maximum.
 
     bounds (N + 1, 2) are the minimum and maximum x that are allowed. Returns -1, or the interval that fails.
@@ -170,31 +170,31 @@ def controllable(counts, corners, bounds, found):
     count = len(counts)
     polygon, names = np.empty((MOST, 2)), np.empty(MOST, dtype=np.int64)
     other, other_names = np.empty((MOST, 2)), np.empty(MOST, dtype=np.int64)
-    found[count, 0], found[count, 1] = bounds[count, 0], bounds[count, 1]
+    result[count, 0], result[count, 1] = bounds[count, 0], bounds[count, 1]
     for i in range(count - 1, -1, -1):
         n = counts[i]
         for k in range(n):
             polygon[k, 0], polygon[k, 1] = corners[i, k, 0], corners[i, k, 1]
         # One step backward: x at the right end must be one from which the rest can be done.
-        n = clipped(polygon, names, n, 0.0, 1.0, found[i + 1, 1], 0, other, other_names)
-        n = clipped(polygon, names, n, 0.0, -1.0, -found[i + 1, 0], 0, other, other_names)
+        n = clipped(polygon, names, n, 0.0, 1.0, result[i + 1, 1], 0, other, other_names)
+        n = clipped(polygon, names, n, 0.0, -1.0, -result[i + 1, 0], 0, other, other_names)
         least, greatest = np.inf, -np.inf
         for k in range(n):
             least, greatest = min(least, polygon[k, 0]), max(greatest, polygon[k, 0])
-        found[i, 0], found[i, 1] = max(least, bounds[i, 0]), min(greatest, bounds[i, 1])
-        if not found[i, 0] <= found[i, 1]:
+        result[i, 0], result[i, 1] = max(least, bounds[i, 0]), min(greatest, bounds[i, 1])
+        if not result[i, 0] <= result[i, 1]:
             return i
     return -1
 
 
 @compiled
-def greatest(counts, rows, numbers, found, x, active):
+def greatest(counts, rows, numbers, result, x, active):
     """The maximum x (N + 1,) from x[0] on, and the number of the row that ends it, (N,), -5: what follows.
 
     Returns -1, or the interval in which nothing is left.
     """
     for i in range(len(counts)):
-        least, most = found[i + 1, 0], found[i + 1, 1]
+        least, most = result[i + 1, 0], result[i + 1, 1]
         size = _ZERO * (1 + most)
         active[i] = -5
         for k in range(counts[i]):
@@ -208,5 +208,5 @@ def greatest(counts, rows, numbers, found, x, active):
         # Rounding may leave a gap in a strip without width; only a clear gap is a contradiction.
         if most < least - 1e3 * size - 1e-9 * abs(least):
             return i
-        x[i + 1] = min(max(most, found[i + 1, 0]), found[i + 1, 1])
+        x[i + 1] = min(max(most, result[i + 1, 0]), result[i + 1, 1])
     return -1

@@ -77,20 +77,20 @@ class Couplings:
         path = scipy.sparse.csr_matrix(
             (entries, (np.tile(each, 2), np.append(i, i + 1))), (len(i), count + 1)
         )
-        own = scipy.sparse.hstack([unit * self.A, np.full((len(self), 1), -1.0)])
-        found = scipy.optimize.linprog(
+        matrix = scipy.sparse.hstack([unit * self.A, np.full((len(self), 1), -1.0)])
+        result = scipy.optimize.linprog(
             np.append(np.zeros(count), 1.0),
-            scipy.sparse.vstack([path, own]),
+            scipy.sparse.vstack([path, matrix]),
             np.append(c / size, self.b),
             bounds=[*(grid.bounds / unit), (0.0, None)],
         )
-        if not found.success or found.fun < _LEAST:
+        if not result.success or result.fun < _LEAST:
             return ""
-        row = int(np.argmin(found.ineqlin.marginals[len(i) :]))
+        row = int(np.argmin(result.ineqlin.marginals[len(i) :]))
         place = grid.s[int(np.argmax(np.abs(self.A[row].toarray())))]
         advice = "move the path there, or carry less, or reduce the uncertainty"
         return (
-            f"path: cannot be timed: {self.names[row]} exceeds its limit by {100 * found.fun:.3g} % of its "
+            f"path: cannot be timed: {self.names[row]} exceeds its limit by {100 * result.fun:.3g} % of its "
             f"reference or more, however fast it is passed, near {where(grid, place)}; {advice}"
             + (grid.places.clock is not None)
             * ", or drive more gently"
@@ -153,9 +153,9 @@ class LateJoints:
             if -_NEAR < slips <= _SLIDES:
                 break
             middle = 0.5 * (slow + fast)
-            _, slips, found = self._broken(middle * x)
+            _, slips, result = self._broken(middle * x)
             slow, fast = (slow, middle) if slips > _SLIDES else (middle, fast)
-            rows = found if slips <= _SLIDES and len(found) else rows
+            rows = result if slips <= _SLIDES and len(result) else rows
         return excess, rows
 
     def _broken(self, x: np.ndarray) -> tuple[float, float, Couplings]:
@@ -171,8 +171,8 @@ class LateJoints:
         number, values, slopes = worst_options(
             options, self._cases, acting, (self._most - _FAR) * self._units, functions
         )
-        own = np.s_[: len(functions)]
-        beyond = values / self._units[own] - self._most[own]  # (N + 1, F)
+        block = np.s_[: len(functions)]
+        beyond = values / self._units[block] - self._most[block]  # (N + 1, F)
         i, k = np.nonzero(beyond > -_NEAR)
         parts = [(i, number[i, k], slopes[i, k] / self._units[k][:, None], beyond[i, k])]
         names = [NAMES[int(function == axes)] for function in k]
@@ -180,16 +180,16 @@ class LateJoints:
         if self._planes is None:
             slips = float(np.max(beyond[:, -1]))
         else:
-            found = worst_beyond(options, self._cases, acting, self._planes, -_NEAR * self._weight, _PLANES)
-            parts.append((*found[:2], found[2] / self._weight, found[3] / self._weight))
-            names += [NAMES[1]] * len(found[0])
+            result = worst_beyond(options, self._cases, acting, self._planes, -_NEAR * self._weight, _PLANES)
+            parts.append((*result[:2], result[2] / self._weight, result[3] / self._weight))
+            names += [NAMES[1]] * len(result[0])
         instants, numbers, slopes, excess = (np.concatenate(part) for part in zip(*parts, strict=True))
         n = self._grid.robot.n
         on, on_base = slopes[:, : 3 * n].reshape(len(instants), 3, n), slopes[:, 3 * n :]
         A = np.zeros((len(instants), len(x)))
         pace = 0.5 / np.sqrt(np.maximum(x, _SLOWEST * np.mean(x)))
-        for row, (instant, own) in enumerate(zip(instants, numbers, strict=True)):
-            for joint, way in enumerate(own):
+        for row, (instant, block) in enumerate(zip(instants, numbers, strict=True)):
+            for joint, way in enumerate(block):
                 speeds, accelerations = made[instant][way]
                 for node, factor in speeds:
                     A[row, node] += factor * on[row, 1, joint] * self._dq[node, joint] * pace[node]
@@ -210,24 +210,24 @@ class LateJoints:
         t = np.append(0.0, np.cumsum(2 * self._grid.widths / (pace[1:] + pace[:-1])))
         padded = np.concatenate([[0.0], x, [0.0]])
         near = np.stack([padded[:-2], x, padded[2:]])[:, :, None]
-        at = _Nodes(
+        nodes = _Nodes(
             t, self._dq * pace[:, None], *(np.sum(c * near, axis=0) for c in (self._after, self._before))
         )
-        found, made, s, places, bases = [], [], self._grid.s, [], list[_Made | None]()
+        results, made, s, places, bases = [], [], self._grid.s, [], list[_Made | None]()
         for node in range(len(x)):
-            found.append(self._at(at, node, t[node], 0.0))
+            results.append(self._at(nodes, node, t[node], 0.0))
             places.append(s[node])
             ends, on_time = ((node, 1.0),), ((node, True, 1.0),)
             bases.append((ends, on_time))
             if self._base is not None and self._more:  # its acceleration step overshoots, joints are on time
-                found.append([self._made(at, ends, on_time, 0.0)])
+                results.append([self._made(nodes, ends, on_time, 0.0)])
                 places.append(s[node])
                 bases.append((ends, ((node, True, 1 + self._more), (node, False, -self._more))))
             time = t[node] + self._delay
             if self._delay and time < t[-1]:
                 last = int(np.searchsorted(t, time, side="right")) - 1
                 share = (time - t[last]) / (t[last + 1] - t[last])
-                found.append(self._at(at, last, time, share))
+                results.append(self._at(nodes, last, time, share))
                 places.append(s[last] + share * (s[last + 1] - s[last]))
                 ends = (last, 1 - share), (last + 1, share)
                 bases.append((ends, ((last, True, 1 - share), (last + 1, False, share))))
@@ -235,22 +235,26 @@ class LateJoints:
             last = int(np.searchsorted(t, time, side="right")) - 1
             share = (time - t[last]) / (t[last + 1] - t[last])
             ends = (last, 1 - share), (last + 1, share)
-            found.append([self._made(at, ends, ((last, True, 1 - share), (last + 1, False, share)), 0.0)])
+            results.append(
+                [self._made(nodes, ends, ((last, True, 1 - share), (last + 1, False, share)), 0.0)]
+            )
             places.append(s[last] + share * (s[last + 1] - s[last]))
             bases.append(None)
-        made = [[way for _, way in own] for own in found]
-        options = np.full((len(found), self._q.shape[1], max(map(len, made)), 4), np.nan)
-        for instant, own in enumerate(found):
-            options[instant, :, : len(own)] = np.array([state for state, _ in own]).transpose(2, 0, 1)
+        made = [[way for _, way in options_there] for options_there in results]
+        options = np.full((len(results), self._q.shape[1], max(map(len, made)), 4), np.nan)
+        for instant, options_there in enumerate(results):
+            options[instant, :, : len(options_there)] = np.array(
+                [state for state, _ in options_there]
+            ).transpose(2, 0, 1)
         return options, made, np.array(places), bases
 
-    def _at(self, at: _Nodes, node: int, time: float, share: float) -> list[tuple[tuple, _Made]]:
+    def _at(self, nodes: _Nodes, node: int, time: float, share: float) -> list[tuple[tuple, _Made]]:
         """The possible delayed states (4, n) of the joints at a share of the interval after a node, with
         their origin.
         """
-        first = int(np.searchsorted(at.t, time - self._delay - INSIDE))
-        found = self._before_all(at, time - self._delay) if self._delay else []
-        for case in delay_cases(at.t[first : node + 1], time, self._delay, self._more > 0):
+        first = int(np.searchsorted(nodes.t, time - self._delay - INSIDE))
+        result = self._before_all(nodes, time - self._delay) if self._delay else []
+        for case in delay_cases(nodes.t[first : node + 1], time, self._delay, self._more > 0):
             if case.event is None:
                 ends = ((node, 1 - share), (node + 1, share))[: 2 if share else 1]
                 parts = ((node, True, 1 - share), (node + 1, False, share))[: len(ends)]
@@ -259,28 +263,28 @@ class LateJoints:
                 ends, parts = ((event, 1.0),), ((event, case.steps > 0, 1.0),)
                 for begin in range(event, event - case.steps, -1):
                     parts = (*parts, (begin, True, self._more), (begin, False, -self._more))
-            found.append(self._made(at, ends, parts, case.max_delay))
-        return found
+            result.append(self._made(nodes, ends, parts, case.max_delay))
+        return result
 
-    def _before_all(self, at: _Nodes, time: float) -> list[tuple[tuple, _Made]]:
+    def _before_all(self, nodes: _Nodes, time: float) -> list[tuple[tuple, _Made]]:
         """The state with the maximum delay, within an interval, where accelerations are continuous."""
         if time <= 0:
             return []
-        node = int(np.searchsorted(at.t, time, side="right")) - 1
-        share = float((time - at.t[node]) / (at.t[node + 1] - at.t[node]))
+        node = int(np.searchsorted(nodes.t, time, side="right")) - 1
+        share = float((time - nodes.t[node]) / (nodes.t[node + 1] - nodes.t[node]))
         ends = (node, 1 - share), (node + 1, share)
         parts = (node, True, 1 - share), (node + 1, False, share)
-        return [self._made(at, ends, parts, 0.0)]
+        return [self._made(nodes, ends, parts, 0.0)]
 
     def _made(
         self,
-        at: _Nodes,
+        nodes: _Nodes,
         ends: tuple[tuple[int, float], ...],
         parts: tuple[tuple[int, bool, float], ...],
         max_delay: float,
     ) -> tuple[tuple, _Made]:
-        q, qd = (sum(part * values[end] for end, part in ends) for values in (self._q, at.qd))
-        qdd = sum(factor * (at.after if part else at.before)[end] for end, part, factor in parts)
+        q, qd = (sum(part * values[end] for end, part in ends) for values in (self._q, nodes.qd))
+        qdd = sum(factor * (nodes.after if part else nodes.before)[end] for end, part, factor in parts)
         return (q, qd, qdd, np.full_like(self._q[0], max_delay)), (ends, parts)
 
 
@@ -317,24 +321,24 @@ class BaseNodes:
         """(D, 9) rows of `BaseMotion` at instants, of what they are made of, at x (N + 1,)."""
         padded = np.concatenate([[0.0], x, [0.0]])
         near = np.stack([padded[:-2], x, padded[2:]])[:, :, None]
-        after, before = (np.sum(own * near, axis=0) for own in (self.after, self.before))
-        found = np.zeros((len(made), 9))
-        for row, own in zip(found, made, strict=True):
-            ends, parts = own or ((), ())
+        after, before = (np.sum(weights * near, axis=0) for weights in (self.after, self.before))
+        values = np.zeros((len(made), 9))
+        for row, weights in zip(values, made, strict=True):
+            ends, parts = weights or ((), ())
             row += sum(factor * (after if part else before)[node] for node, part, factor in parts)
             row[5] = sum(factor * self.turning[node] * np.sqrt(x[node]) for node, factor in ends)
-        return found
+        return values
 
     def slopes(self, x: np.ndarray, of_root: np.ndarray, made: _Made, on: np.ndarray) -> np.ndarray:
         """(N + 1,) slopes over x of a function with slopes (9,) over the rows, and of sqrt(x)."""
-        found = np.zeros(len(x))
+        values = np.zeros(len(x))
         for node, factor in made[0]:
-            found[node] += factor * on[5] * self.turning[node] * of_root[node]
+            values[node] += factor * on[5] * self.turning[node] * of_root[node]
         for node, part, factor in made[1]:
             first, last = max(node - 1, 0), min(node + 2, len(x))
             over = (self.after if part else self.before)[first - node + 1 : last - node + 1, node]
-            found[first:last] += factor * (over @ on)
-        return found
+            values[first:last] += factor * (over @ on)
+        return values
 
 
 class _Nodes(NamedTuple):

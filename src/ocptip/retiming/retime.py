@@ -187,19 +187,19 @@ def retime(
     squares, s = (speeds[0] ** 2, speeds[1] ** 2), spaced(path, count)
     best: Retimed | None = None
     for clocks in [()] if base else _clocks(robot, path, limits, objective, s, squares):
-        found, run, checked, slower = _tight(robot, path, limits, objective, s, squares, clocks, base)
+        result, run, checked, slower = _tight(robot, path, limits, objective, s, squares, clocks, base)
         if own_jerk is not None:
-            run = _long_enough(run._replace(motion=steady(found.grid, run.motion, own_jerk)), limits)
+            run = _long_enough(run._replace(motion=steady(result.grid, run.motion, own_jerk)), limits)
             run, slower = _within_peaks(run, own_jerk)
             checked = check_motion(run.robot, run.motion, limits)
         if not checked.verified:
             run, checked, more = _slowed(run, limits, checked, slowest)
             slower *= more
         if best is None or checked.timed_well:
-            curve, names = _curve(found)
+            curve, names = _curve(result)
             best = Retimed(
-                run.robot, run.motion, checked, objective, found.fast.active, curve, names,
-                _duration(found), found.cheap, slower, tuple(found.grid.limits.later), own_jerk,
+                run.robot, run.motion, checked, objective, result.fast.active, curve, names,
+                _duration(result), result.cheap, slower, tuple(result.grid.limits.later), own_jerk,
                 perf_counter() - begun,
             )  # fmt: skip
         if checked.timed_well:
@@ -230,15 +230,17 @@ def _tight(
     base: BaseLimits | None,
 ) -> tuple[_Solved, Run, MotionCheck, float]:
     """A timing, with limits that are tightened where its motion breaks them; the factor of its slow-down."""
-    asked, known, own = limits, None, robot if base else _along(robot, path, clocks)
+    asked, known, timed_robot = limits, None, robot if base else _along(robot, path, clocks)
     for turn in range(_TIGHTENINGS):
-        found = _solve(own, path, TimingLimits(own, asked, base), objective, s, ends, known, clocks)
-        run, slower = _within_peaks(_long_enough(Run.of(robot, PathTiming(path, s, found.x)), limits))
+        result = _solve(
+            timed_robot, path, TimingLimits(timed_robot, asked, base), objective, s, ends, known, clocks
+        )
+        run, slower = _within_peaks(_long_enough(Run.of(robot, PathTiming(path, s, result.x)), limits))
         checked = check_motion(run.robot, run.motion, limits)
         tighter = _tightened(robot, asked, limits, checked)
         if checked.timed_well or tighter == asked or turn == _TIGHTENINGS - 1:
-            return found, run, checked, slower
-        asked, known = tighter, found.couplings
+            return result, run, checked, slower
+        asked, known = tighter, result.couplings
     raise AssertionError("the last turn returns")
 
 
@@ -265,10 +267,10 @@ def least_cost(
     clocks = next(_clocks(robot, path, limits, objective, grid, (0.0, 0.0)))
     robot = _along(robot, path, clocks)
     timing = TimingLimits(robot, limits)
-    found = _solve(robot, path, timing, objective, grid, (0.0, 0.0), clocks=clocks)
-    if found.cheap is not None and objective.name != "time":
-        return found.cheap.cost
-    return max(Trajectory.from_path(path, grid, found.x).end, limits.min_duration)
+    result = _solve(robot, path, timing, objective, grid, (0.0, 0.0), clocks=clocks)
+    if result.cheap is not None and objective.name != "time":
+        return result.cheap.cost
+    return max(Trajectory.from_path(path, grid, result.x).end, limits.min_duration)
 
 
 def _along(robot: StandingMechanism, path: JointPath, clocks: Sequence[PathClock]) -> StandingMechanism:
@@ -286,9 +288,11 @@ def _clocks(
     """Clocks with which to time the path, see `clocks_to_try`; without a drive profile there are none."""
 
     def timed(limits: Limits, clocks: Sequence[PathClock]) -> PathTiming:
-        own = _along(robot if clocks else cast(Robot, robot).driving(None), path, clocks)
-        found = _solve(own, path, TimingLimits(own, limits), objective, s, ends, clocks=clocks)
-        return PathTiming(path, s, found.x)
+        timed_robot = _along(robot if clocks else cast(Robot, robot).driving(None), path, clocks)
+        result = _solve(
+            timed_robot, path, TimingLimits(timed_robot, limits), objective, s, ends, clocks=clocks
+        )
+        return PathTiming(path, s, result.x)
 
     profile = robot.acts.drive_profile
     return iter([()]) if profile is None else clocks_to_try(profile, timed, limits)
@@ -352,28 +356,28 @@ def _improved(
     """The best of the cone program's timing, the fastest, and what Ipopt makes of the first."""
     powered = PoweredTiming(grid, grid.robot.motors, price)
     tried = [bound.x] if len(couplings) else [bound.x, fast.x]
-    if (found := powered.local(fast.polygons, bound.x, couplings)) is not None:
-        tried.append(found)
+    if (result := powered.local(fast.polygons, bound.x, couplings)) is not None:
+        tried.append(result)
     costs = [powered.cost(x) for x in tried]
     k = int(np.argmin(costs))
     return CheapestTiming(tried[k], costs[k], bound.lower_bound)
 
 
-def _duration(found: _Solved) -> float:
-    return Trajectory.from_path(found.grid.path, found.grid.s, found.fast.x).end
+def _duration(solved: _Solved) -> float:
+    return Trajectory.from_path(solved.grid.path, solved.grid.s, solved.fast.x).end
 
 
-def _curve(found: _Solved) -> tuple[np.ndarray, tuple[str, ...]]:
+def _curve(solved: _Solved) -> tuple[np.ndarray, tuple[str, ...]]:
     """Maximum ds/dt at the begin of each interval by the rows there alone, and which limit it is."""
-    polygons, speeds, names = found.fast.polygons, [], []
+    polygons, speeds, names = solved.fast.polygons, [], []
     extra = ExtraRows.none()
-    plain = found.grid.polygons(extra)
+    plain = solved.grid.polygons(extra)
     for i, count in enumerate(plain.counts):
         k = int(np.argmax(plain.corners[i, :count, 0]))
         speeds.append(np.sqrt(max(plain.corners[i, k, 0], 0.0)))
         edges = int(plain.numbers[i, k]), int(plain.numbers[i, k - 1 if k else count - 1])
-        own = [found.grid.name(edge, extra, i) for edge in edges]
-        names.append(next(filter(None, own), ""))
+        row_names = [solved.grid.name(edge, extra, i) for edge in edges]
+        names.append(next(filter(None, row_names), ""))
     assert len(speeds) == len(polygons.counts)
     return np.array(speeds), tuple(names)
 

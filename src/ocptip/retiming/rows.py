@@ -142,14 +142,14 @@ class Places:
     @cached_property
     def caps(self) -> np.ndarray:
         """(P,), 1/s^2: maximum x that limits of speeds allow."""
-        robot, own = self.robot, self.robot.further_limits
+        robot, further_limits = self.robot, self.robot.further_limits
         pace = 1 / np.maximum(np.max(np.abs(self.dq) / robot.limits.speed, axis=1), FASTEST**-0.5)
-        if own.count:  # affine in the speeds
+        if further_limits.count:  # affine in the speeds
             rest = robot.further(self.q, np.zeros_like(self.dq))
             rates = robot.further(self.q, self.dq) - rest
-            for rate, margin in ((rates, own.upper - rest), (-rates, rest - own.lower)):
+            for rate, margin in ((rates, further_limits.upper - rest), (-rates, rest - further_limits.lower)):
                 share = np.divide(
-                    margin, rate, out=np.full_like(rate, np.inf), where=rate > _FLAT * own.units
+                    margin, rate, out=np.full_like(rate, np.inf), where=rate > _FLAT * further_limits.units
                 )
                 pace = np.minimum(pace, np.maximum(np.min(share, axis=1), 0.0))
         return pace**2
@@ -161,23 +161,25 @@ class Places:
         qd, qdd = self.dq * np.sqrt(x), self.dq * u + self.ddq * x
         return Instants(self.robot, self.q, torque, wrench, self.robot.further(self.q, qd), qd, qdd, acting)
 
-    def slopes(self, at: Instants, u: np.ndarray, x: np.ndarray) -> NodeSlopes:
+    def slopes(self, instants: Instants, u: np.ndarray, x: np.ndarray) -> NodeSlopes:
         """Over (u, x), of the state, of torques and wrenches; those of all else are 0."""
         n, count = self.q.shape[1], len(self)
-        own = np.maximum(x, 1e-12)[:, None]
-        still = np.zeros_like(at.process)
-        acting = (still, still) if self.base is None else self.base.slopes(own[:, 0])
+        speeds = np.maximum(x, 1e-12)[:, None]
+        still = np.zeros_like(instants.process)
+        acting = (still, still) if self.base is None else self.base.slopes(speeds[:, 0])
         of_u = np.hstack([np.zeros((count, 2 * n)), self.dq, acting[0]])
-        of_x = np.hstack([np.zeros((count, n)), self.dq / (2 * np.sqrt(own)), self.ddq, acting[1]])
-        power, none = np.zeros((count, 1)), np.zeros_like(at.further)
-        carried = [own.wrenches for own in at.interfaces[1:]]
-        y = np.hstack([power, at.torques, at.wrenches, at.further, *carried])
+        of_x = np.hstack([np.zeros((count, n)), self.dq / (2 * np.sqrt(speeds)), self.ddq, acting[1]])
+        power, none = np.zeros((count, 1)), np.zeros_like(instants.further)
+        carried = [speeds.wrenches for speeds in instants.interfaces[1:]]
+        y = np.hstack([power, instants.torques, instants.wrenches, instants.further, *carried])
         parts = [
-            np.hstack([power, *(load[k] for load in self.loads), none, *(own[k] for own in self.objects)])
+            np.hstack(
+                [power, *(load[k] for load in self.loads), none, *(speeds[k] for speeds in self.objects)]
+            )
             for k in range(2)
         ]
-        columns = NodeColumns(at.torques.shape[1], at.further.shape[1], len(at.interfaces))
-        return NodeSlopes(columns, at.s, np.stack([of_u, of_x], axis=2), y, np.stack(parts, axis=2))
+        columns = NodeColumns(instants.torques.shape[1], instants.further.shape[1], len(instants.interfaces))
+        return NodeSlopes(columns, instants.s, np.stack([of_u, of_x], axis=2), y, np.stack(parts, axis=2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,8 +201,10 @@ class HalfPlanes:
         every = list(parts)
         if len(every) == 1:  # with objects a copy takes as long as what it copies
             return every[0]
-        blocks = (np.hstack([getattr(own, name) for own in every]) for name in ("alpha", "beta", "gamma"))
-        return cls(tuple(name for own in every for name in own.names), *blocks)
+        blocks = (
+            np.hstack([getattr(planes, name) for planes in every]) for name in ("alpha", "beta", "gamma")
+        )
+        return cls(tuple(name for planes in every for name in planes.names), *blocks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +242,7 @@ class TimingLimits:
         self._cones: list[tuple[str, int, np.ndarray]] = []
         self.curved: list[Limit] = []
         self.later: list[str] = []
-        masses = [robot.mass, *(own.support.mass for own in robot.interfaces[1:])]
+        masses = [robot.mass, *(interface.support.mass for interface in robot.interfaces[1:])]
         self._units = np.array(masses) * (float(np.linalg.norm(robot.support.gravity)) or 1.0)
         for limit in limits_of(robot, asked):
             if limit.of_place or not limit.width or isinstance(limit, FurtherLimit):
@@ -274,8 +278,8 @@ class TimingLimits:
             blocks.append(block)
         if self._affine:
             still = np.zeros(len(places))
-            at = places.instants(still, still)
-            slopes = places.slopes(at, still, still)
+            instants = places.instants(still, still)
+            slopes = places.slopes(instants, still, still)
             for limit in self._affine:
                 block = _both_sides(
                     limit, limit.rows(slopes, np.ones((len(places), limit.width), dtype=bool)), len(places)
@@ -286,26 +290,26 @@ class TimingLimits:
 
     def tangents(self, places: Places, u: np.ndarray, x: np.ndarray) -> Tangents:
         """Tangents of the curved limits, where their use is near 1 or more, at u and x (P,)."""
-        at = places.instants(u, x)
-        slopes = places.slopes(at, u, x)
-        found: list[tuple[np.ndarray, str, np.ndarray]] = []
+        instants = places.instants(u, x)
+        slopes = places.slopes(instants, u, x)
+        results: list[tuple[np.ndarray, str, np.ndarray]] = []
         for limit in self.curved:
-            mask = limit.near(at, NEAR)
+            mask = limit.near(instants, NEAR)
             if not mask.any():
                 continue
-            rows = limit.chosen(at).rows(slopes, mask)
+            rows = limit.chosen(instants).rows(slopes, mask)
             lower, upper = limit.bounds_of(rows)
             on = limit.jacobian(rows)
             here = rows.values - on[:, 0] * u[rows.nodes] - on[:, 1] * x[rows.nodes]
             for sign, bound in ((1.0, upper), (-1.0, -lower)):
                 some = np.isfinite(bound)
                 block = np.stack([sign * on[:, 0], sign * on[:, 1], bound - sign * here])[:, some]
-                found.append((rows.nodes[some], limit.name, block))
-        if not found:
+                results.append((rows.nodes[some], limit.name, block))
+        if not results:
             return Tangents(np.empty(0, dtype=int), [], *np.empty((3, 0)))
-        names = [name for nodes, name, _ in found for _ in nodes]
+        names = [name for nodes, name, _ in results for _ in nodes]
         return Tangents(
-            np.concatenate([f[0] for f in found]), names, *np.concatenate([f[2] for f in found], axis=1)
+            np.concatenate([f[0] for f in results]), names, *np.concatenate([f[2] for f in results], axis=1)
         )
 
     def why_not_at_rest(self, places: Places) -> tuple[str, list[str]] | None:
@@ -313,8 +317,8 @@ class TimingLimits:
         kinds: Sequence[Limit] = limits_of(self.robot, self.asked)
         kinds = [limit for limit in kinds if not limit.of_place and limit.name != SpeedLimit.name]
         for k in range(len(places)):
-            at = Instants.at_rest(self.robot, places.q[k : k + 1], places.times[k : k + 1])
-            if reasons := [reason for limit in kinds for reason in limit.refusals(at)]:
+            resting = Instants.at_rest(self.robot, places.q[k : k + 1], places.times[k : k + 1])
+            if reasons := [reason for limit in kinds for reason in limit.refusals(resting)]:
                 when = "" if places.clock is None else f", passed at {places.times[k]:.3f} s"
                 joints = joint_words(self.robot.names, self.robot.units, places.q[k])
                 return f"s = {places.s[k]:.4f}{when}, {joints}", reasons

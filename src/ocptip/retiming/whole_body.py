@@ -58,11 +58,11 @@ class BaseLimits:
         Raises:
             InputError: a part is no number with one of these units, or a unit occurs twice.
         """
-        found: dict[str, float] = {}
+        table: dict[str, float] = {}
         for part in words.split(","):
             match = _LIMIT.fullmatch(part)
             name, scale = _UNITS.get(match["unit"], ("", 1.0)) if match else ("", 1.0)
-            if not match or not name or name in found:
+            if not match or not name or name in table:
                 units = ", ".join(_UNITS)
                 raise InputError(
                     f"base_limits: expected numbers with units ({units}), each once, got {part!r}"
@@ -71,8 +71,8 @@ class BaseLimits:
                 number = float(match["number"])
             except ValueError:
                 raise InputError(f"base_limits: {match['number']!r} is no number") from None
-            found[name] = scale * positive_number("base_limits", number)
-        return cls(**found)
+            table[name] = scale * positive_number("base_limits", number)
+        return cls(**table)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +93,11 @@ class BasePath:
 
     def rows(self, u: np.ndarray, x: np.ndarray) -> np.ndarray:
         """(P, 9) rows of `BaseMotion` with path accelerations u and squared path speeds x, (P,) each."""
-        found = np.zeros((len(self.pose), 9))
+        values = np.zeros((len(self.pose), 9))
         rates = self.d * u[:, None] + self.dd * x[:, None]
-        found[:, :2], found[:, 8] = self._in_base(rates), rates[:, 2]
-        found[:, 5] = self.d[:, 2] * np.sqrt(x)
-        return found
+        values[:, :2], values[:, 8] = self._in_base(rates), rates[:, 2]
+        values[:, 5] = self.d[:, 2] * np.sqrt(x)
+        return values
 
     def slopes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the rows over u and over x, (P, 9) each."""
@@ -132,8 +132,8 @@ class BasePath:
             if np.isfinite(limit):
                 names += [name] * 2
                 for sign in (1.0, -1.0):
-                    own = sign / limit
-                    blocks.append(np.stack([own * of_u, own * of_x, 1 - own * rest]))
+                    scaled = sign / limit
+                    blocks.append(np.stack([scaled * of_u, scaled * of_x, 1 - scaled * rest]))
         return names, np.stack(blocks, axis=2) if blocks else np.empty((3, len(self.d), 0))
 
     def _in_base(self, vectors: np.ndarray) -> np.ndarray:

@@ -40,7 +40,7 @@ class BaseMotion:
             value = getattr(self, item.name)
             shape = (None, 3) if np.ndim(value) == 2 else (3,)
             settle(self, **{item.name: finite_array(f"base_motion.{item.name}", value, shape)})
-        counts = {len(own) for own in self._parts if own.ndim == 2}
+        counts = {len(part) for part in self._parts if part.ndim == 2}
         if len(counts) > 1:
             raise InputError(f"base_motion: numbers of instants differ: {sorted(counts)}")
 
@@ -61,18 +61,20 @@ class BaseMotion:
         Raises:
             InputError: another number of instants was given.
         """
-        for own in self._parts:
-            if own.ndim == 2 and len(own) != count:
-                raise InputError(f"base_motion: expected {count} instants, one of each state, got {len(own)}")
-        return np.hstack([np.broadcast_to(own, (count, 3)) for own in self._parts])
+        for part in self._parts:
+            if part.ndim == 2 and len(part) != count:
+                raise InputError(
+                    f"base_motion: expected {count} instants, one of each state, got {len(part)}"
+                )
+        return np.hstack([np.broadcast_to(part, (count, 3)) for part in self._parts])
 
     def some(self, rows: np.ndarray) -> BaseMotion:
         """At some of the instants; what is the same at all of them stays."""
-        return BaseMotion(*(own[rows] if own.ndim == 2 else own for own in self._parts))
+        return BaseMotion(*(part[rows] if part.ndim == 2 else part for part in self._parts))
 
     def to_dict(self) -> dict[str, list]:
         """Plain data: m/s^2, rad/s, rad/s^2."""
-        return {item.name: own.tolist() for item, own in zip(fields(self), self._parts, strict=True)}
+        return {item.name: part.tolist() for item, part in zip(fields(self), self._parts, strict=True)}
 
     def acceleration_at(self, point: np.ndarray) -> np.ndarray:
         """(3,) or (N, 3), m/s^2: of a point of the base, (3,), m, base frame."""

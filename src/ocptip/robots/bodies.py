@@ -103,11 +103,11 @@ def exists(body: RigidBody) -> bool:
 def _pseudo(body: RigidBody) -> np.ndarray:
     mass, centre, inertia = body
     about = inertia + parallel_axis(mass, centre)
-    found = np.empty((4, 4))
-    found[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
-    found[:3, 3] = found[3, :3] = mass * centre
-    found[3, 3] = mass
-    return found
+    values = np.empty((4, 4))
+    values[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
+    values[:3, 3] = values[3, :3] = mass * centre
+    values[3, 3] = mass
+    return values
 
 
 def _body(pseudo: np.ndarray) -> RigidBody:
@@ -120,9 +120,9 @@ def _body(pseudo: np.ndarray) -> RigidBody:
 
 def _spun(axis: np.ndarray) -> np.ndarray:
     """What a moment of inertia of 1 about an axis through the origin adds, with no moment across it."""
-    found = np.zeros((4, 4))
-    found[:3, :3] = 0.5 * np.eye(3) - np.outer(axis, axis)
-    return found
+    values = np.zeros((4, 4))
+    values[:3, :3] = 0.5 * np.eye(3) - np.outer(axis, axis)
+    return values
 
 
 def _along(axis: np.ndarray, origin: np.ndarray) -> list[np.ndarray]:
@@ -155,17 +155,17 @@ def _split(arm: ArmModel, links: list[RigidBody]) -> ArmBodies:
         if k == 0 or given[k - 1][3, 3] == 0:
             raise InputError(f"arm {arm.name}: link {k + 1} has no mass, nor has the one before it")
         given[k - 1] = given[k - 1] - small[k] * _along(*_axis(arm, k))[0]
-    found = _solved(given, lacking, columns, moved)
-    if found is None:
+    result = _solved(given, lacking, columns, moved)
+    if result is None:
         raise InputError(
             f"arm {arm.name}: link inertias are such as no bodies have, with or without rotors "
             "behind gears: no model of it for a simulator"
         )
-    for own, x in zip(columns, found, strict=True):
-        for k, change in own.items():
+    for column, x in zip(columns, result, strict=True):
+        for k, change in column.items():
             given[k] = given[k] + x * change
     rotors = []
-    spins = found[moved:].reshape(-1, 2) * float(arm.masses.sum()) * _SCALE[0] ** 2
+    spins = result[moved:].reshape(-1, 2) * float(arm.masses.sum()) * _SCALE[0] ** 2
     for (k, forward), (spin, axial) in zip(drives, spins, strict=True):
         mass = small[k] * float(arm.masses.sum())
         if spin > _NO_SPIN * spins.max():
@@ -173,7 +173,7 @@ def _split(arm: ArmModel, links: list[RigidBody]) -> ArmBodies:
             rotors.append(Rotor(k, ratio, mass, axial, _THICK * axial))
         else:
             given[k - 1] = given[k - 1] + small[k] * _along(*_axis(arm, k))[0]
-    bodies = [_body(own * scale) if k not in lacking else links[k] for k, own in enumerate(given)]
+    bodies = [_body(column * scale) if k not in lacking else links[k] for k, column in enumerate(given)]
     for k in lacking:
         bodies[k] = small[k] * float(arm.masses.sum()), np.zeros(3), _LEAST * np.eye(3)
     return ArmBodies(tuple(bodies), tuple(rotors))
@@ -190,11 +190,11 @@ def _solved(
     """Minimum spin with all matrices positive definite; a rotor turns 2 to 100 times as fast as its joint."""
     size = len(columns)
     rows, right, cones = [], [], []
-    for k, own in enumerate(given):
+    for k, given_row in enumerate(given):
         if k not in lacking:
             none = np.zeros((4, 4))
             rows.append(-np.array([triangle(column.get(k, none)) for column in columns]).T)
-            right.append(triangle(own - _MARGIN * own[3, 3] * np.eye(4)))
+            right.append(triangle(given_row - _MARGIN * given_row[3, 3] * np.eye(4)))
             cones.append(clarabel.PSDTriangleConeT(4))
     cost = np.zeros(size)
     cost[moved::2], cost[moved + 1 :: 2] = 1.0, -_SPIN_SHARE

@@ -130,8 +130,8 @@ def brake(
     q, qd, before = q.astype(float), qd.astype(float), qd.astype(float)
     torque, delay = np.broadcast_to(torque, q.shape), np.broadcast_to(delay, count)
     if step is None:
-        found = terms(model, q, 0 * qd, gravity, np.zeros(3), process)
-        inertia = np.diagonal(found.inertia, axis1=1, axis2=2)
+        result = terms(model, q, 0 * qd, gravity, np.zeros(3), process)
+        inertia = np.diagonal(result.inertia, axis1=1, axis2=2)
         alone = np.max(np.abs(qd) * inertia / torque, initial=0.0)
         step = float(np.clip(alone / STEPS, SHORTEST_STEP, LONGEST_STEP))
     history, rests, about = [], np.where(np.any(qd != 0, axis=1), np.inf, 0.0), np.zeros(3)
@@ -151,10 +151,13 @@ def brake(
         old, ahead = qd[going], 1.5 * qd[going] - 0.5 * before[going]
         ahead = np.where(ahead * old > 0, ahead, 0.0)
         acting = None if process is None else process[going]
-        own = terms(model, q[going] + 0.5 * step * old, ahead, gravity, about, acting)
+        dynamics_there = terms(model, q[going] + 0.5 * step * old, ahead, gravity, about, acting)
         new = old.copy()
         moved = np.empty_like(new)
-        inertia, bias = np.ascontiguousarray(own.inertia), np.ascontiguousarray(own.bias)
+        inertia, bias = (
+            np.ascontiguousarray(dynamics_there.inertia),
+            np.ascontiguousarray(dynamics_there.bias),
+        )
         _slow_down(inertia, bias, closed[going] * torque[going], step, new, moved)
         before, q, qd = qd.copy(), q.copy(), qd.copy()
         q[going] += moved
@@ -184,10 +187,10 @@ def gravity_torques(model: ArmModel, gravity: np.ndarray) -> np.ndarray:
 
     def sizes(moved: int, value: np.ndarray | float) -> np.ndarray:
         """Signed torques (N,) with one angle replaced."""
-        at = q.copy()
-        at[:, moved] = value
-        still = np.zeros_like(at)
-        return dynamics_batch(model)(at, still, still, gravity, *np.zeros((3, 3)))[0][row, joint]
+        postures = q.copy()
+        postures[:, moved] = value
+        still = np.zeros_like(postures)
+        return dynamics_batch(model)(postures, still, still, gravity, *np.zeros((3, 3)))[0][row, joint]
 
     for _ in range(_PASSES):
         for k in range(n):

@@ -44,13 +44,13 @@ class Coupling:
             if value.ndim != 1 or (size is not None and len(value) != size):
                 raise InputError(f"{name}: expected {size or 'some'} values, got {getattr(self, name)!r}")
             settle(self, **{name: value})
-        own = self.leads
-        if not self.ratios.all() or set(self.leaders) != set(range(len(own))):
+        leads = self.leads
+        if not self.ratios.all() or set(self.leaders) != set(range(len(leads))):
             raise InputError("leaders, ratios: every joint follows one of the coordinates at a ratio not 0")
-        if (own >= count).any() or not (
-            np.array_equal(self.leaders[own], np.arange(len(own)))
-            and (self.ratios[own] == 1).all()
-            and not self.offsets[own].any()
+        if (leads >= count).any() or not (
+            np.array_equal(self.leaders[leads], np.arange(len(leads)))
+            and (self.ratios[leads] == 1).all()
+            and not self.offsets[leads].any()
         ):
             raise InputError("leads: of each coordinate the joint at ratio 1, offset 0")
 
@@ -95,10 +95,10 @@ class Coupling:
         """What belongs to the joints, such as torques or columns of a Jacobian, per coordinate."""
         return [
             sum(
-                (r * v for c, r, v in zip(self.leaders, self.ratios, values, strict=True) if c == own),
+                (r * v for c, r, v in zip(self.leaders, self.ratios, values, strict=True) if c == lead),
                 cs.SX(0),
             )
-            for own in range(len(self.leads))
+            for lead in range(len(self.leads))
         ]
 
     def limits(

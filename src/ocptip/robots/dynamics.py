@@ -59,7 +59,7 @@ def inverse_dynamics(model: ArmModel, turning: bool = False) -> cs.Function:
         model, q, qd, qdd, gravity, force, moment, about, spin=spin, spin_change=change
     )
     names = ["q", "qd", "qdd", "gravity", "force", "moment", "about", *["spin", "spin_change"] * turning]
-    inputs = [q, qd, qdd, gravity, force, moment, about, *[own for own in (spin, change) if turning]]
+    inputs = [q, qd, qdd, gravity, force, moment, about, *[rate for rate in (spin, change) if turning]]
     return cs.Function("inverse_dynamics", inputs, [torque, wrench], names, ["torque", "wrench"])
 
 
@@ -89,8 +89,8 @@ def newton_euler(
     relative, levers, motions = _link_motions(model, q, qd, qdd, gravity, spin, spin_change)
     count = model.links
     inertial_force, inertial_moment = [], []
-    own, held = process_parts(model)
-    load, load_moment = force + own[:3], moment + own[3:]
+    chain_bodies, held = process_parts(model)
+    load, load_moment = force + chain_bodies[:3], moment + chain_bodies[3:]
     for index, (A, (acceleration, omega, domega)) in enumerate(zip(relative, motions, strict=True)):
         centre, inertia = cs.SX(model.centres[index]), cs.SX(model.inertias[index])
         mass = model.masses[index]
@@ -99,8 +99,11 @@ def newton_euler(
         if shifts is not None:
             centre = centre + shifts[:, index]
         f, m = cs.SX.zeros(3), cs.SX.zeros(3)  # about Q_i
-        for own, place, tensor in ((mass, centre, inertia), *(carried if index == count - 1 else ())):
-            inertial = own * (acceleration + _rotating(omega, domega, place))  # (2.35)
+        for chain_bodies, place, tensor in (
+            (mass, centre, inertia),
+            *(carried if index == count - 1 else ()),
+        ):
+            inertial = chain_bodies * (acceleration + _rotating(omega, domega, place))  # (2.35)
             turning = tensor @ domega + cs.cross(omega, tensor @ omega)  # (2.42)
             f, m = f + inertial, m + turning + cs.cross(place, inertial)
         inertial_force.append(f)
@@ -175,9 +178,9 @@ def gripper_motion_function(model: ArmModel, turning: bool = False) -> cs.Functi
     acceleration, omega, domega = motions[-1]
     acceleration = acceleration + _rotating(omega, domega, levers[-1])
     turn = cs.SX(model.tool_rotation).T
-    found = cs.vertcat(*(turn @ own for own in (acceleration, omega, domega)))
-    inputs = [q, qd, qdd, gravity, *(own for own in (spin, change) if turning)]
-    return cs.Function("gripper_motion", inputs, [found])
+    result = cs.vertcat(*(turn @ vector for vector in (acceleration, omega, domega)))
+    inputs = [q, qd, qdd, gravity, *(vector for vector in (spin, change) if turning)]
+    return cs.Function("gripper_motion", inputs, [result])
 
 
 @lru_cache(maxsize=_CACHED_MODELS)
@@ -232,8 +235,8 @@ def small_motions(model: ArmModel, springs: tuple[int, ...] = ()) -> BatchFuncti
     torque, wrench = newton_euler(
         model, q, qd, qdd, gravity - acceleration, none, none, about, spin=spin, spin_change=spin_change
     )
-    own = [cs.vertcat(*(values[j] for j in springs)) for values in (torque, qdd, qd, q)]
-    slopes = cs.jacobian(cs.vertcat(-wrench, own[0]), cs.vertcat(twist, *own[1:]))
+    small_values = [cs.vertcat(*(values[j] for j in springs)) for values in (torque, qdd, qd, q)]
+    slopes = cs.jacobian(cs.vertcat(-wrench, small_values[0]), cs.vertcat(twist, *small_values[1:]))
     slopes, m = cs.substitute(slopes, twist, cs.SX.zeros(9)), len(springs)
     inertia, gyration = cs.horzcat(slopes[:, :6], slopes[:, 9 : 9 + m]), slopes[:, 6:9]
     outputs = [inertia, cs.horzcat(gyration, slopes[:, 9 + m : 9 + 2 * m]), slopes[:, 9 + 2 * m :]]
@@ -302,8 +305,8 @@ def gripper_motion(
         base_motion: of the base; default: it rests.
     """
     pull, spin = _at_mount(model, gravity, base_motion, len(q))
-    (found,) = _gripper_motions(model, bool(spin))(q, qd, qdd, pull, *spin)
-    return BaseMotion(found[:, :3], found[:, 3:6], found[:, 6:])
+    (result,) = _gripper_motions(model, bool(spin))(q, qd, qdd, pull, *spin)
+    return BaseMotion(result[:, :3], result[:, 3:6], result[:, 6:])
 
 
 def _at_mount(

@@ -252,14 +252,14 @@ class CollisionModel(Collisions):
         """Spheres of all links but the first, and balls of the base, numbered from `first`."""
         return [
             (
-                GapLabel(own.name, ball.name),
-                (own.number, NOTHING, number),
-                Solid(ball.shape).gap(own.centre, own.radius),
+                GapLabel(sphere.name, ball.name),
+                (sphere.number, NOTHING, number),
+                Solid(ball.shape).gap(sphere.centre, sphere.radius),
             )
             for number, ball in enumerate(base, first)
             for some in self.model.sphere_sets
             if some.link >= 2
-            for own in spheres[some.name]
+            for sphere in spheres[some.name]
         ]
 
     def _parting(self, q: cs.SX, rows: list[_Row]) -> list[_Row]:
@@ -267,8 +267,8 @@ class CollisionModel(Collisions):
         if not rows:
             return rows
         gaps = BatchFunction(cs.Function("base", [q], [cs.vertcat(*(gap for *_, gap in rows))]))
-        found = gaps(random_postures(self.model, POSTURES))[0].reshape(POSTURES, -1)
-        always = np.max(found, axis=0) < TOUCHING
+        values = gaps(random_postures(self.model, POSTURES))[0].reshape(POSTURES, -1)
+        always = np.max(values, axis=0) < TOUCHING
         names = [frozenset((label.first.split("[")[0], label.second)) for label, _, _ in rows]
         kept = [row for row, never in zip(rows, always, strict=True) if not never]
         left = {pair for pair, never in zip(names, always, strict=True) if not never}
@@ -279,13 +279,18 @@ class CollisionModel(Collisions):
     @cached_property
     def steepest(self) -> np.ndarray:
         sets, pairs = self.model.sphere_sets, np.array(self._pairs, dtype=int).reshape(-1, 3)[:, :2]
-        bodies = np.repeat([own.link - 1 for own in sets], [len(own.radii) for own in sets])
-        centres = np.concatenate([own.centres for own in sets])
-        radii = np.concatenate([own.radii for own in sets])
-        reach = [np.linalg.norm(own, axis=1) + radii for own in (centres[:, :2], centres)]
+        bodies = np.repeat(
+            [sphere_set.link - 1 for sphere_set in sets], [len(sphere_set.radii) for sphere_set in sets]
+        )
+        centres = np.concatenate([sphere_set.centres for sphere_set in sets])
+        radii = np.concatenate([sphere_set.radii for sphere_set in sets])
+        reach = [np.linalg.norm(sphere_set, axis=1) + radii for sphere_set in (centres[:, :2], centres)]
         resting = len(radii)  # stands for every obstacle
         pairs = np.where(pairs == NOTHING, resting, pairs)
-        extents = (np.append(own, extra) for own, extra in zip((bodies, *reach), (-1, 0.0, 0.0), strict=True))
+        extents = (
+            np.append(sphere_set, extra)
+            for sphere_set, extra in zip((bodies, *reach), (-1, 0.0, 0.0), strict=True)
+        )
         return steepest_slopes(self.model, pairs, *extents)
 
     def gaps(self, q: np.ndarray, below: float | np.ndarray = np.inf) -> np.ndarray:
@@ -306,7 +311,9 @@ class CollisionModel(Collisions):
     @cached_property
     def _each(self) -> SphereGaps:
         point = cs.SX.sym("point", 3)
-        return SphereGaps(self.model, [own.gap(point, 0.0) for own in self._around], point, self._pairs)
+        return SphereGaps(
+            self.model, [obstacle.gap(point, 0.0) for obstacle in self._around], point, self._pairs
+        )
 
     def curvature(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, on: np.ndarray) -> np.ndarray:
         chosen, place = np.unique(pairs, return_inverse=True)
@@ -401,18 +408,18 @@ def _spheres(model: ArmModel, q: cs.SX) -> dict[str, list[_Sphere]]:
         *zip(rotations, origins, strict=True),
     ]
     number, result = count(), {}
-    for own in model.sphere_sets:
-        rotation, origin = frames[own.link]
-        result[own.name] = [
-            _Sphere(f"{own.name}[{k}]", next(number), origin + rotation @ cs.SX(centre), radius)
-            for k, (centre, radius) in enumerate(zip(own.centres, own.radii, strict=True), 1)
+    for sphere_set in model.sphere_sets:
+        rotation, origin = frames[sphere_set.link]
+        result[sphere_set.name] = [
+            _Sphere(f"{sphere_set.name}[{k}]", next(number), origin + rotation @ cs.SX(centre), radius)
+            for k, (centre, radius) in enumerate(zip(sphere_set.centres, sphere_set.radii, strict=True), 1)
         ]
     return result
 
 
 def _between(pairs: Sequence[tuple[_Sphere, _Sphere]]) -> list[cs.SX]:
     """Distances of the surfaces of pairs of spheres, m (4.32), by a few operations on matrices."""
-    firsts, seconds = (cs.horzcat(*(own.centre for own in side)) for side in zip(*pairs, strict=True))
+    firsts, seconds = (cs.horzcat(*(sphere.centre for sphere in side)) for side in zip(*pairs, strict=True))
     between = firsts - seconds
     lengths = cs.sqrt(cs.sum1(between * between) + _TINY)
     return cs.horzsplit(

@@ -177,13 +177,13 @@ def checked_points(arm: ArmModel, limits: Mapping[str, float] | None) -> dict[st
     Raises:
         InputError: there is no such joint, or a value is not above 0.
     """
-    found, joints = {}, joint_names(arm)
+    table, joints = {}, joint_names(arm)
     for name, value in (limits or {}).items():
         if name not in (TCP, *joints):
             known = f"there are {', '.join(joints)}{did_you_mean(name, joints)}"
             raise InputError(f"no joint {name!r}; {known}", "speed_limits")
-        found[name] = positive_number(f"speed_limits.{name}", value)
-    return found
+        table[name] = positive_number(f"speed_limits.{name}", value)
+    return table
 
 
 class PointSpeeds:

@@ -90,15 +90,15 @@ class ProcessWrench:
 
     def slopes(self, values: np.ndarray) -> np.ndarray:
         """(N, 6): slopes of force and moment over what it varies with; at knots those after them."""
-        rows, own = np.hstack([self.force, self.moment]), np.asarray(self.knots)
-        steps = np.diff(rows, axis=0) / np.diff(own)[:, None]
+        rows, knots = np.hstack([self.force, self.moment]), np.asarray(self.knots)
+        steps = np.diff(rows, axis=0) / np.diff(knots)[:, None]
         still = np.zeros((1, 6))
-        return np.vstack([still, steps, still])[np.searchsorted(own, values, side="right")]
+        return np.vstack([still, steps, still])[np.searchsorted(knots, values, side="right")]
 
     def between(self, first: float, last: float) -> ProcessWrench:
         """This process, if it varies, but constant before `first` and after `last`."""
-        own = np.asarray(self.knots)
-        instants = np.unique([first, *own[(own > first) & (own < last)], last])
+        knots = np.asarray(self.knots)
+        instants = np.unique([first, *knots[(knots > first) & (knots < last)], last])
         return replace(self, knots=instants, **dict(zip(("force", "moment"), self.at(instants), strict=True)))
 
     def at_pace(self, factor: float) -> ProcessWrench:
@@ -120,8 +120,8 @@ class ProcessWrench:
 
         Between these times it is taken to go straight.
         """
-        own = np.interp(np.asarray(self.knots), values, times)
-        instants = np.unique(np.concatenate([times, own]))
+        columns = np.interp(np.asarray(self.knots), values, times)
+        instants = np.unique(np.concatenate([times, columns]))
         force, moment = self.at(np.interp(instants, times, values))
         return ProcessWrench(force, moment, self.axes, TIME, instants)
 

@@ -40,9 +40,9 @@ class SpringChain:
 
     def spread(self, drives: np.ndarray, springs: np.ndarray | float = 0.0) -> np.ndarray:
         """Values (N, n + m) of its joints by those of the drives, (N, n), and of the springs, (N, m)."""
-        found = np.empty((len(drives), self.arm.n))
-        found[:, self.drives], found[:, self.springs] = drives, springs
-        return found
+        values = np.empty((len(drives), self.arm.n))
+        values[:, self.drives], values[:, self.springs] = drives, springs
+        return values
 
 
 @lru_cache(maxsize=16)
@@ -77,8 +77,8 @@ def spring_chain(arm: ArmModel) -> SpringChain:
             springs.append(len(parts))
             name, turn, spin = f"{name} spring", np.eye(3), 0.0
         parts.append((name, turn, arm.offsets[k], (mass, centre, inertia + spin)))
-    names, turns, offsets, own = zip(*parts, strict=True)
-    masses, centres, inertias = (np.array(values) for values in zip(*own, strict=True))
+    names, turns, offsets, drives_of = zip(*parts, strict=True)
+    masses, centres, inertias = (np.array(values) for values in zip(*drives_of, strict=True))
     slides = np.zeros(len(parts), dtype=bool)
     slides[drives] = arm.prismatic
     slides[springs] = arm.prismatic[gears.elastic]

@@ -145,8 +145,8 @@ class Acting:
         if not len(knots) or not len(motion.intervals):
             return motion.intervals
         inside = [knots[(knots > a + MERGE) & (knots < b - MERGE)] for a, b in motion.intervals]
-        ends = [np.array([a, *own, b]) for (a, b), own in zip(motion.intervals, inside, strict=True)]
-        return np.concatenate([np.column_stack([own[:-1], own[1:]]) for own in ends])
+        ends = [np.array([a, *end, b]) for (a, b), end in zip(motion.intervals, inside, strict=True)]
+        return np.concatenate([np.column_stack([end[:-1], end[1:]]) for end in ends])
 
     def at_pace(self, factor: float) -> Acting:
         """The same with all times multiplied by a factor > 0."""

@@ -215,7 +215,7 @@ class Robot(StandingMechanism):
     @property
     def interfaces(self) -> tuple[Footing, ...]:
         """See `StandingMechanism.interfaces`."""
-        return (self, *(own.footing for own in self.carried))
+        return (self, *(held.footing for held in self.carried))
 
     def object_wrenches(
         self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, base_motion: BaseMotion | None = None
@@ -224,7 +224,7 @@ class Robot(StandingMechanism):
         if not self.carried:
             return ()
         motions = carrier_motions(self.arm, self.support.gravity, q, qd, qdd, base_motion)
-        return tuple(motions[own.carrier].inertial_wrench(own.footing.support) for own in self.carried)
+        return tuple(motions[held.carrier].inertial_wrench(held.footing.support) for held in self.carried)
 
     def object_expressions(
         self, q: cs.SX, qd: cs.SX, qdd: cs.SX, acting: cs.SX | None = None
@@ -234,7 +234,7 @@ class Robot(StandingMechanism):
             return ()
         base = self.acts.expressions(acting)[1]
         motions = carrier_expressions(self.arm, self.support.gravity, q, qd, qdd, base)
-        return tuple(inertial_wrench_of(motions[own.carrier], own.footing.support) for own in self.carried)
+        return tuple(inertial_wrench_of(motions[held.carrier], held.footing.support) for held in self.carried)
 
     def joint_label(self, joint: int) -> str:
         """Name of a joint, counted from 0."""
@@ -308,8 +308,10 @@ class Robot(StandingMechanism):
         base_motion = base_motion or driving
         given = {"gravity": support.gravity, "about": support.center_of_mass, "base_motion": base_motion}
         dynamics = self.pushed(arm, q, qd, qdd, process, **given)
-        own = support.weight if base_motion is None else support.weight + base_motion.inertial_wrench(support)
-        return dynamics.torque, dynamics.wrench + own
+        load = (
+            support.weight if base_motion is None else support.weight + base_motion.inertial_wrench(support)
+        )
+        return dynamics.torque, dynamics.wrench + load
 
     def pushed(
         self,
@@ -385,8 +387,8 @@ class Robot(StandingMechanism):
         """See `StandingMechanism.swing_loads`."""
         if self.chain is None:
             return self.loads(q, qd, qdd, acting)[1]
-        own = [self.chain.spread(values) for values in (q, qd, qdd)]
-        torques, wrenches = self._loads_of(self.chain.arm, own[0], own[1], own[2], acting)
+        spread = [self.chain.spread(values) for values in (q, qd, qdd)]
+        torques, wrenches = self._loads_of(self.chain.arm, spread[0], spread[1], spread[2], acting)
         return np.hstack([wrenches, -torques[:, self.chain.springs]])
 
     def small_motions(
@@ -398,8 +400,8 @@ class Robot(StandingMechanism):
             arm, springs = self.chain.arm, tuple(self.chain.springs.tolist())
             states = tuple(map(self.chain.spread, states))
         support, arm = self.support, arm.without_process if self.varying else arm
-        found = small_motions(arm, springs)(*states, support.gravity, support.center_of_mass)
-        inertia, turning, stiffening = found
+        result = small_motions(arm, springs)(*states, support.gravity, support.center_of_mass)
+        inertia, turning, stiffening = result
         inertia[:, :6, :6] += np.linalg.inv(support.inverse_mass)
         return inertia, turning, stiffening.reshape(len(q), 6 + len(springs), -1)
 
@@ -438,11 +440,11 @@ class Robot(StandingMechanism):
         support, acts = self.support, self.acts
         process, base = acts.expressions(acting)
         arm, load = acts.on_gripper_expressions(self.arm, q, process)
-        pull, own = cs.SX(support.gravity), cs.SX(support.weight)
+        pull, total = cs.SX(support.gravity), cs.SX(support.weight)
         if base:
             pull = pull - acceleration_of(base, cs.SX(arm.mount_position))
-            own = own + inertial_wrench_of(base, support)
+            total = total + inertial_wrench_of(base, support)
         torque, wrench = inverse_dynamics(arm, bool(base))(
             q, qd, qdd, pull, *load, support.center_of_mass, *base[1:]
         )
-        return torque, wrench + own
+        return torque, wrench + total

@@ -85,19 +85,19 @@ class ContactMargins:
     missing: Margin | None = None
 
     @classmethod
-    def of(cls, at: Loaded, times: np.ndarray) -> ContactMargins:
+    def of(cls, loaded: Loaded, times: np.ndarray) -> ContactMargins:
         """Margins of instants at times (N,), s."""
-        tip, tip_over = at.tip, at.footing.tip_over
+        tip, tip_over = loaded.tip, loaded.footing.tip_over
         pairs = [(min(axis.contacts) + 1, max(axis.contacts) + 1) for axis in tip_over.axes]
-        weak = at.states.persistent & at.states.without_basis
-        unique, equal = at.footing.slip.redistribution == "tangential", equal_sharing(at.states)
+        weak = loaded.states.persistent & loaded.states.without_basis
+        unique, equal = loaded.footing.slip.redistribution == "tangential", equal_sharing(loaded.states)
         force = equal.normal_forces if equal else tip.normal_reserves
-        needed, missing = _beyond_friction(at, times)
+        needed, missing = _beyond_friction(loaded, times)
         return cls(
             force=_least(np.maximum(force, 0.0), times),
             moment=None if tip_over.free_rotation else _least(tip.margins, times, pairs),
             edge=_least(tip.edge_distances[:, None], times, [()]),
-            friction=needed or _most(at.largest_slip.usage, times),
+            friction=needed or _most(loaded.largest_slip.usage, times),
             unique=unique,
             weak=int(np.count_nonzero(weak)),
             first_weak=float(np.min(times[weak], initial=np.inf)),
@@ -175,7 +175,7 @@ class ContactMargins:
             ("tangential force that is missing", self.missing, lambda value: quantity(value, "N", 3)),
             ("the same with equally compliant feet", self.equal_friction, percent),
         )
-        return [f"{name} {text(own.value)} {own}" for name, own, text in named if own]
+        return [f"{name} {text(instant.value)} {instant}" for name, instant, text in named if instant]
 
 
 def _least(
@@ -195,15 +195,15 @@ def _least(
     return Margin(value, float(times[i]), tuple(int(j) + 1 for j in alike))
 
 
-def _beyond_friction(at: Loaded, times: np.ndarray) -> tuple[Margin | None, Margin | None]:
+def _beyond_friction(loaded: Loaded, times: np.ndarray) -> tuple[Margin | None, Margin | None]:
     """At the instant at which the base slides fastest: the factor on the friction that would hold it, and the
     tangential force that is missing, N. None unless it slides, and such a factor or force is known. The
     factor is infinite where no friction holds.
     """
-    k = int(np.argmax(np.nan_to_num(at.largest_slip.slide_acceleration)))
-    if not at.largest_slip.slide_acceleration[k] > 0:
+    k = int(np.argmax(np.nan_to_num(loaded.largest_slip.slide_acceleration)))
+    if not loaded.largest_slip.slide_acceleration[k] > 0:
         return None, None
-    demand = FrictionDemand.of(at.states.support, at.states.wrenches[k])
+    demand = FrictionDemand.of(loaded.states.support, loaded.states.wrenches[k])
     needed = Margin(demand.factor, float(times[k])) if demand.factor > 1 else None
     missing = Margin(demand.missing, float(times[k])) if 0 < demand.missing < np.inf else None
     return needed, missing

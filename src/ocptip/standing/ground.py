@@ -42,21 +42,21 @@ def _floors(standing: tuple[tuple[int, tuple[float, ...], tuple[float, ...]], ..
 
     The cache gives the same objects again, by which collisions are kept.
     """
-    found: list[tuple[np.ndarray, float, str]] = []
+    floors: list[tuple[np.ndarray, float, str]] = []
     points = np.array([place for _, place, _ in standing]).reshape(-1, 3)
     common = _common_plane(points, np.array([normal for *_, normal in standing]).reshape(-1, 3))
     planes = [(np.array(n), float(np.dot(n, p)), f"{FLOOR} at contact {k}") for k, p, n in standing]
     if common is not None:
         planes.insert(0, (common, float(np.max(points @ common)), FLOOR))
     for normal, level, name in planes:
-        same = [k for k, other in enumerate(found) if np.linalg.norm(other[0] - normal) < _ALIKE]
+        same = [k for k, other in enumerate(floors) if np.linalg.norm(other[0] - normal) < _ALIKE]
         if not same:
-            found.append((normal, level, name))
-        elif level > found[same[0]][1]:  # the highest of parallel planes hides the others
-            found[same[0]] = normal, level, name
-    if len(found) == 1:
-        found = [(*found[0][:2], FLOOR)]
-    return tuple(Floor(-normal, -level, name) for normal, level, name in found)
+            floors.append((normal, level, name))
+        elif level > floors[same[0]][1]:  # the highest of parallel planes hides the others
+            floors[same[0]] = normal, level, name
+    if len(floors) == 1:
+        floors = [(*floors[0][:2], FLOOR)]
+    return tuple(Floor(-normal, -level, name) for normal, level, name in floors)
 
 
 def _common_plane(points: np.ndarray, normals: np.ndarray) -> np.ndarray | None:

@@ -142,9 +142,9 @@ class Instants(Loaded):
         """Some of the instants."""
         parts = self.angles, self.torques, self.wrenches, self.further, self.speeds, self.accelerations
         before = None if self.before is None else self.before[rows]
-        own = (part[rows] for part in (*parts, self.process))
+        selected = (part[rows] for part in (*parts, self.process))
         moves = self.base_motion and self.base_motion.some(rows)
-        return Instants(self.robot, *own, base_motion=moves, before=before)
+        return Instants(self.robot, *selected, base_motion=moves, before=before)
 
     @cached_property
     def interfaces(self) -> tuple[Loaded, ...]:

@@ -118,15 +118,15 @@ class Limits:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data; what is about tolerance and stops only where such are given."""
-        own: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
         if not self.jerk:
-            del own["jerk"]
-        stops = {name: asdict(own[name]) for name in _OF_STOPS if own[name]}
+            del values["jerk"]
+        stops = {name: asdict(values[name]) for name in _OF_STOPS if values[name]}
         if not self.tolerance.given:
             return {
-                name: value for name, value in own.items() if name not in (*_OF_TOLERANCE, *_OF_STOPS)
+                name: value for name, value in values.items() if name not in (*_OF_TOLERANCE, *_OF_STOPS)
             } | stops
-        kept = {name: value for name, value in own.items() if name not in _OF_STOPS or name in stops}
+        kept = {name: value for name, value in values.items() if name not in _OF_STOPS or name in stops}
         return {**kept, "tolerance": self.tolerance.to_dict(), **stops}
 
 

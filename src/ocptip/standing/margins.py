@@ -72,7 +72,7 @@ class Margins:
         least, count = moments[np.arange(len(wrenches)), nearest], len(wrenches)
         total = np.sum(shared.normal_forces, axis=1)
         holds = (least > 0) & (shared.usage < _HOLDS)  # False where it is not known
-        found = cls(
+        result = cls(
             stable=np.ones(count, dtype=bool),
             tips=np.zeros(count, dtype=bool),
             slips=np.zeros(count, dtype=bool),
@@ -89,9 +89,9 @@ class Margins:
         if not holds.all():
             left = np.flatnonzero(~holds)
             others = cls.of(solve_resting(tip_over.support, wrenches[left]), tip_over, slip)
-            for name, values in found._arrays().items():
+            for name, values in result._arrays().items():
                 values[left] = getattr(others, name)
-        return found
+        return result
 
     @classmethod
     def of(cls, states: ContactStates, tip_over: TipOver, slip: Slip) -> Margins:

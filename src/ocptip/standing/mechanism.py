@@ -90,8 +90,8 @@ class StandingMechanism(MadeOf, Footing, ABC):
         self.motors, self.limits, self.collision = motors, limits, collision
         self.mass, self.sensor = support.mass + mass, sensor
         if reference_moment is None:
-            own = TipOver(support).reference_moment
-            reference_moment = None if own is None else own * self.mass / support.mass
+            moment = TipOver(support).reference_moment
+            reference_moment = None if moment is None else moment * self.mass / support.mass
         else:
             reference_moment = positive_number("reference_moment", reference_moment)
         super().__init__(support, reference_moment, redistribution)
@@ -125,7 +125,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
 
     def require_no_objects(self, what: str) -> None:
         """Raise InputError if it carries objects, which `what` does not take."""
-        if names := ", ".join(own.name for own in self.interfaces[1:]):
+        if names := ", ".join(interface.name for interface in self.interfaces[1:]):
             raise InputError(
                 f"object: {what} does not take objects ({names}); stand, check, certify, plan, retime and "
                 "drive do"
@@ -296,8 +296,8 @@ class StandingMechanism(MadeOf, Footing, ABC):
     def masses(self) -> dict[str, float]:
         """kg, by name: base, mechanism, payload if there is one; together `mass`."""
         payload = {"payload": self.payload.mass} if self.payload else {}
-        own = self.mass - self.support.mass - sum(payload.values())
-        return {"base": self.support.mass, self.kind: own, **payload}
+        base_mass = self.mass - self.support.mass - sum(payload.values())
+        return {"base": self.support.mass, self.kind: base_mass, **payload}
 
     def masses_to_dict(self) -> dict[str, Any]:
         """Plain data: `masses_kg` by name and in `total`; `payload`, None if there is none."""

@@ -211,12 +211,12 @@ class CarriedObject:
         turn = self.rotation
         contacts = [
             replace(
-                own,
-                position=self.origin + turn @ np.asarray(own.position),
-                normal=turn @ np.asarray(own.normal),
-                tangent=None if own.tangent is None else turn @ np.asarray(own.tangent),
+                foot,
+                position=self.origin + turn @ np.asarray(foot.position),
+                normal=turn @ np.asarray(foot.normal),
+                tangent=None if foot.tangent is None else turn @ np.asarray(foot.tangent),
             )
-            for own in feet(self.object.contacts, self.object.friction)
+            for foot in feet(self.object.contacts, self.object.friction)
         ]
         given = {"mass": mass, "center_of_mass": center, "inertia": inertia}
         support = Support(contacts, **given, gravity=-self.gravity * turn[:, 2])
@@ -228,7 +228,7 @@ class CarriedObject:
 
         Of an object without a known top, twice as high as its centre of mass.
         """
-        places = np.array([np.asarray(own.position) for own in self.footing.support.contacts])
+        places = np.array([np.asarray(contact.position) for contact in self.footing.support.contacts])
         local = (places - self.origin) @ self.rotation
         away = local - local.mean(axis=0)
         around = places[np.argsort(np.arctan2(away[:, 1], away[:, 0]), kind="stable")]
@@ -263,13 +263,13 @@ def carried_objects(objects: Sequence[Object], gravity: np.ndarray) -> tuple[Car
     Raises:
         InputError: a name occurs twice, or an object stands on nothing that is carried.
     """
-    found: dict[str, CarriedObject] = {}
+    table: dict[str, CarriedObject] = {}
     names, left = [one.name for one in objects], list(objects)
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"object {name!r}: the name occurs {names.count(name)} times")
     while left:
-        one = next((own for own in left if own.on in (*CARRIERS, *found)), None)
+        one = next((carried for carried in left if carried.on in (*CARRIERS, *table)), None)
         if one is None:
             known = [*CARRIERS, *names]
             raise InputError(
@@ -277,18 +277,18 @@ def carried_objects(objects: Sequence[Object], gravity: np.ndarray) -> tuple[Car
                 f"them, got {left[0].on!r}{did_you_mean(left[0].on, known)}"
             )
         left.remove(one)
-        below, turn, origin = found.get(one.on), np.eye(3), np.zeros(3)
+        below, turn, origin = table.get(one.on), np.eye(3), np.zeros(3)
         if below:
             turn, origin = below.rotation, below.origin + below.object.top * below.rotation[:, 2]
         origin, turn = origin + turn @ np.asarray(one.position), turn @ one.rotation
         body = one.body.seen_from(turn, origin)
         size = float(np.linalg.norm(gravity))
         carrier = below.carrier if below else one.on
-        found[one.name] = CarriedObject(one, carrier, turn, origin, {one.name: body}, size)
+        table[one.name] = CarriedObject(one, carrier, turn, origin, {one.name: body}, size)
         while below:
             below.bodies[one.name] = body
-            below = found.get(below.object.on)
-    return tuple(found.values())
+            below = table.get(below.object.on)
+    return tuple(table.values())
 
 
 def loaded(
@@ -304,9 +304,9 @@ def loaded(
         InputError: a name occurs twice, an object stands on nothing, or the payload is far away.
     """
     loads: dict[str, list[RigidBody]] = {name: [] for name in CARRIERS}
-    for own in carried_objects(objects, support.gravity):
-        mass, center, inertia = own.bodies[own.object.name]
-        loads[own.carrier].append((sign * mass, center, sign * inertia))
+    for carried_object in carried_objects(objects, support.gravity):
+        mass, center, inertia = carried_object.bodies[carried_object.object.name]
+        loads[carried_object.carrier].append((sign * mass, center, sign * inertia))
     if loads[GRIPPER]:
         payload = arm.payload
         held = [(payload.mass, payload.center_of_mass, payload.inertia)] if payload else []
@@ -366,7 +366,10 @@ def carrier_expressions(
 def outlines(arm: ArmModel, carried: Sequence[CarriedObject], q: np.ndarray) -> list[np.ndarray]:
     """A closed line (k, 3), m, base axes, around each object in posture q (n,)."""
     place, turn = gripper_pose(arm, q)
-    moved = [own.corners if own.carrier == BASE else own.corners @ turn.T + place for own in carried]
+    moved = [
+        carried_object.corners if carried_object.carrier == BASE else carried_object.corners @ turn.T + place
+        for carried_object in carried
+    ]
     return [np.vstack([low, low[:1], high, high[:1], low[:1]]) for low, high in moved]
 
 

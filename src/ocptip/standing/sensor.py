@@ -61,9 +61,9 @@ class WrenchSensor:
             support: the base at rest.
             wrenches: (N, 6) on the base about its centre of mass, its weight included, base axes.
         """
-        own, to_centre = wrenches - support.weight, support.center_of_mass - self.position
+        measured, to_centre = wrenches - support.weight, support.center_of_mass - self.position
         weight = self.mass * support.gravity
-        force = own[:, :3] + weight
-        moment = own[:, 3:] + cross(np.broadcast_to(to_centre, force.shape), own[:, :3])
+        force = measured[:, :3] + weight
+        moment = measured[:, 3:] + cross(np.broadcast_to(to_centre, force.shape), measured[:, :3])
         moment = moment + cross(np.asarray(self.center_of_mass) - self.position, weight)
         return np.hstack([force @ self.rotation, moment @ self.rotation])

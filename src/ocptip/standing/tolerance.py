@@ -244,11 +244,11 @@ class Uncertainty:
         """The table `[tolerance]` of a file."""
         data = self.to_dict()
         units = {name: (key, scale) for key, (name, scale) in IN_FILES.items()}
-        found = {}
+        table = {}
         for name, value in data.items():
             key, scale = units.get(name, (name, 1.0))
-            found[key] = value if isinstance(value, list) else float(f"{value / scale:.15g}")
-        return found
+            table[key] = value if isinstance(value, list) else float(f"{value / scale:.15g}")
+        return table
 
     def lines(self) -> list[str]:
         """In words, one entry per quantity: "tilt 0.5 deg", "arm masses +-5 %"."""
@@ -283,12 +283,12 @@ class Uncertainty:
         along = np.linalg.norm(np.cross(gravity[:, None], np.eye(3)), axis=2)
         matters = np.any(along > _ALONG * np.linalg.norm(gravity, axis=1)[:, None], axis=0)
         half = np.where(matters, self.center_of_mass, 0.0)
-        found = []
+        results = []
         for mass, *shift in product(self.masses(support.mass), *(sorted({-h, h}) for h in half)):
             d = np.array(shift)
             change = np.vstack([(mass - support.mass) * np.eye(3), mass * skew(d)])
-            found.append(Corner(self._name(mass / support.mass - 1, d), mass, d, change))
-        return tuple(found)
+            results.append(Corner(self._name(mass / support.mass - 1, d), mass, d, change))
+        return tuple(results)
 
     def _name(self, more: float, shift: np.ndarray) -> str:
         parts = [f"base mass {100 * more:+.3g} %"] if more else []
@@ -304,10 +304,10 @@ class Uncertainty:
 
 def with_friction(nominal: Sequence[Binding], factor: float) -> tuple[Binding, ...]:
     """The contacts with their friction times a factor."""
-    names = [[own.name for own in fields(c) if own.name.startswith("friction")] for c in nominal]
+    names = [[field.name for field in fields(c) if field.name.startswith("friction")] for c in nominal]
     return tuple(
-        replace(contact, **{name: factor * getattr(contact, name) for name in own})
-        for contact, own in zip(nominal, names, strict=True)
+        replace(contact, **{name: factor * getattr(contact, name) for name in field})
+        for contact, field in zip(nominal, names, strict=True)
     )
 
 

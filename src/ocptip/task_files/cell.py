@@ -103,7 +103,7 @@ class CellTask:
         data = {key: value for key, value in self.data.items() if key not in OF_PLACES}
         limits = {key: v for key, v in data.get("limits", {}).items() if key not in _only_of_places()}
         limits["reference_moment"] = self.problem.robot.tip_over.reference_moment
-        obstacles = [_placed_obstacle(own, back, origin) for own in self.data.get("obstacle", [])]
+        obstacles = [_placed_obstacle(obstacle, back, origin) for obstacle in self.data.get("obstacle", [])]
         return {
             **_turned(data, back),
             "gravity": _floats(back @ np.asarray(self.problem.gravity)),
@@ -111,7 +111,7 @@ class CellTask:
             "limits": limits,
             "obstacle": [*self.data.get("base_obstacle", []), *obstacles],
             "motion": _placed_ends(data["motion"], back, origin),
-            "segment": [_placed_ends(_turned(own, back), back, origin) for own in data["segment"]],
+            "segment": [_placed_ends(_turned(obstacle, back), back, origin) for obstacle in data["segment"]],
         }
 
 
@@ -154,7 +154,10 @@ def _unplaced(data: Table, content: dict[str, Any], path: Path) -> CycleTask:
     table = Table(motions, path.name, CYCLE, folder=path.parent)
     cycle = read_cycle(table, path.stem, _end)
     cycle = replace(cycle, source=task_source(table, cycle.robot))
-    objectives = {(own.task.objective.name, own.task.objective.time_weight) for own in cycle.segments}
+    objectives = {
+        (segment_motion.task.objective.name, segment_motion.task.objective.time_weight)
+        for segment_motion in cycle.segments
+    }
     if len(objectives) > 1:
         raise data.error("segments of a cell have one objective; give it in [motion]", "segment")
     if not isinstance(cycle.robot, Robot):
@@ -201,12 +204,12 @@ def _problem(
     """Where the base may stand, and the whole tolerance."""
     keys = (*_SCENE, "arm", "motors", "obstacle", *OF_PLACES)
     asked: dict[str, Any] = {key: content[key] for key in keys if key in content}
-    own = content.get("limits", {})
-    asked["limits"] = {key: own[key] for key in (*_LIMITS, "reference_moment") if key in own}
+    robot = content.get("limits", {})
+    asked["limits"] = {key: robot[key] for key in (*_LIMITS, "reference_moment") if key in robot}
     asked["task"] = list(_gripper_tasks(cycle))
     robots = [segment.task.robot for segment in cycle.segments]
     asked["unloaded"] = any(
-        own.payload is None and _process(own, share) is None for own in robots for share in (0, 1)
+        robot.payload is None and _process(robot, share) is None for robot in robots for share in (0, 1)
     )
     tolerance = cycle.limits.tolerance if "tolerance" in content else otherwise
     problem = read_problem(Table(asked, path.name, PLACEMENT, folder=path.parent), searched(tolerance))
@@ -227,7 +230,7 @@ def _gripper_tasks(cycle: CycleTask) -> Iterator[dict[str, Any]]:
         around = [(number - 1, 1)] if number or cycle.closed else []
         around += [(number, 0)] if number < len(segments) else []
         loads = [_load(segments[k].task.robot, share, target, gravity) for k, share in around]
-        acting = dict.fromkeys(own for own in loads if own is not None)
+        acting = dict.fromkeys(load for load in loads if load is not None)
         orientation, axis = target.how
         turning = {"orientation": orientation, "tool_axis": _floats(axis)} if target.turns_freely else {}
         yield {
@@ -244,8 +247,8 @@ def _gripper_tasks(cycle: CycleTask) -> Iterator[dict[str, Any]]:
 
 def _process(robot: StandingMechanism, share: float) -> ProcessWrench | None:
     """The process wrench on the gripper at rest before (0) or after (1) a motion."""
-    own = robot.resting(share)
-    return own.arm.process if isinstance(own, Robot) else None
+    process = robot.resting(share)
+    return process.arm.process if isinstance(process, Robot) else None
 
 
 def _load(
@@ -263,17 +266,17 @@ def _load(
         moment, names = np.cross(rotation @ payload.center_of_mass, force), ["payload"]
     if process is not None:
         axis = target.tool_axis if target.orientation == "axis" else None
-        own, turn = process.wrench.reshape(2, 3), rotation if process.turns_with_tool else np.eye(3)
+        wrench, turn = process.wrench.reshape(2, 3), rotation if process.turns_with_tool else np.eye(3)
         if (
             target.turns_freely
             and process.turns_with_tool
-            and np.any(np.abs(own if axis is None else np.cross(own, axis)) > _ALONG)
+            and np.any(np.abs(wrench if axis is None else np.cross(wrench, axis)) > _ALONG)
         ):
             raise InputError(
                 "process: turns with a gripper that turns freely at a pose; give it along the axis of that "
                 'turn, or in axes "world"'
             )
-        force, moment = force + turn @ own[0], moment + turn @ own[1]
+        force, moment = force + turn @ wrench[0], moment + turn @ wrench[1]
         names.append("process")
     return (" and ".join(names), tuple(_floats(np.concatenate([force, moment])))) if names else None
 
@@ -283,11 +286,11 @@ def _turned(table: dict[str, Any], back: np.ndarray) -> dict[str, Any]:
     process = table.get("process")
     if not isinstance(process, dict):
         return table
-    own = {name: _turned({"process": value}, back)["process"] for name, value in process.items()}
+    turned = {name: _turned({"process": value}, back)["process"] for name, value in process.items()}
     if process.get("axes") == "world":
-        vectors = {key: _floats(back @ np.array(own[key])) for key in ("force", "moment") if key in own}
-        own = {**own, **vectors, "axes": "base"}
-    return {**table, "process": own}
+        vectors = {key: _floats(back @ np.array(turned[key])) for key in ("force", "moment") if key in turned}
+        turned = {**turned, **vectors, "axes": "base"}
+    return {**table, "process": turned}
 
 
 def _placed_ends(table: dict[str, Any], back: np.ndarray, origin: np.ndarray) -> dict[str, Any]:

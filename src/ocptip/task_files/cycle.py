@@ -150,7 +150,9 @@ def load_cycle(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) -> C
         require_kind(data, "plan")
         doubt_units(data)
         data.close(early=True)
-        task = read_cycle(data, path.stem, otherwise=otherwise).each(lambda own: with_stops(data, own))
+        task = read_cycle(data, path.stem, otherwise=otherwise).each(
+            lambda one_task: with_stops(data, one_task)
+        )
         task = replace(task, source=task_source(data, task.robot))
         for segment in task.segments:
             doubt_masses(data, segment.task.robot)
@@ -162,15 +164,15 @@ def load_cycle(path: str | os.PathLike[str], otherwise: Uncertainty = NONE) -> C
 class _SegmentTable(Table):
     """A segment's table, with those keys of `[motion]` that all segments share."""
 
-    def __init__(self, own: Table, motion: Table) -> None:
-        own.close(early=True)
-        given = own.content
+    def __init__(self, table: Table, motion: Table) -> None:
+        table.close(early=True)
+        given = table.content
         self._motion = motion
         self._shared = {key: motion.value(key) for key in _SHARED if key in motion and key not in given}
         if "objective" in given or "price_per_second" in given:
             self._shared = {k: v for k, v in self._shared.items() if k in ("optimised", "commands")}
-        super().__init__({**self._shared, **given}, own.file, own._keys, own.path, own._folder)
-        self._uses = own._uses
+        super().__init__({**self._shared, **given}, table.file, table._keys, table.path, table._folder)
+        self._uses = table._uses
 
     def place(self, key: str) -> str:
         """Path of a key within the file."""
@@ -190,7 +192,7 @@ def read_cycle(data: Table, default: str, ends: Ends = read_end, otherwise: Unce
     for key in ("goal", *_GOALS, *DURATION):
         if key in motion:
             raise motion.error("of a cycle belongs to its [[segment]]s", key)
-    tables = [_SegmentTable(own, motion) for own in data.tables("segment")]
+    tables = [_SegmentTable(segment, motion) for segment in data.tables("segment")]
     robots: dict[str, StandingMechanism] = {}
     held: list[str] = []
     for table in tables:
@@ -202,10 +204,10 @@ def read_cycle(data: Table, default: str, ends: Ends = read_end, otherwise: Unce
     starts, pose = ends(robots[held[0]], motion, "start", scene.limits)
     motion.close(early=True)
     segments: list[Segment] = []
-    for number, (table, own) in enumerate(zip(tables, held, strict=True), 1):
+    for number, (table, segment) in enumerate(zip(tables, held, strict=True), 1):
         before = segments[-1].goals[0] if segments else starts[0]
         last = number == len(tables)
-        segments.append(_segment(table, number, robots[own], scene, before, (starts, pose), last, ends))
+        segments.append(_segment(table, number, robots[segment], scene, before, (starts, pose), last, ends))
     closed = tables[-1].value("goal") == _BACK
     return CycleTask(name, tuple(segments), starts, closed, target=pose)
 
@@ -222,10 +224,10 @@ def _segment(
 ) -> Segment:
     """One segment; `before` is a posture that it may start in, `start` what the first one may."""
     name, dwell = table.get("name", f"{number}"), table["dwell"]
-    own = table.table("limits")
-    numbers = limit_numbers(own)
-    own.close()
-    with own.at():
+    limits_table = table.table("limits")
+    numbers = limit_numbers(limits_table)
+    limits_table.close()
+    with limits_table.at():
         limits = replace(scene.limits, **numbers)
     if table.value("goal") == _BACK:
         goals, pose = start
@@ -242,7 +244,7 @@ def _segment(
 def _require_use(data: Table, tables: list[_SegmentTable], key: str) -> None:
     """Refuse loads that no segment has."""
     values, used = data.value(key, {}), [table.value(key) for table in tables]
-    named = isinstance(values, dict) and values and all(isinstance(own, dict) for own in values.values())
+    named = isinstance(values, dict) and values and all(isinstance(value, dict) for value in values.values())
     for name in values if named and list(values) != ["shape"] else ():
         if name not in used:
             raise data.error("no segment carries it", f"{key}.{name}")

@@ -38,8 +38,8 @@ def doubt_units(data: Table) -> None:
     """
     leaves = {place: list(_numbers(value)) for place, value in data.leaves()}
     for pattern in _ANGLES:
-        found = {place: numbers for place, numbers in leaves.items() if re.fullmatch(pattern, place)}
-        doubt_degrees(f"{data.file}: {', '.join(found)}", [x for numbers in found.values() for x in numbers])
+        table = {place: numbers for place, numbers in leaves.items() if re.fullmatch(pattern, place)}
+        doubt_degrees(f"{data.file}: {', '.join(table)}", [x for numbers in table.values() for x in numbers])
     for place, numbers in leaves.items():
         if _LENGTHS.fullmatch(place):
             doubt_metres(f"{data.file}: {place}", numbers)

@@ -81,7 +81,7 @@ class ExampleBase:
         """Where the numbers come from, one sentence."""
         if not self.of_urdf:
             return "mass, centre of mass, feet and height are invented, for the URDF has no base"
-        kinds = Counter("rocker" if own.pivot else own.kind for own in self.contacts)
+        kinds = Counter("rocker" if contact.pivot else contact.kind for contact in self.contacts)
         contacts = " and ".join(f"{n} {kind if n == 1 else PLURALS[kind]}" for kind, n in kinds.items())
         shown = "of its geometry" if self.contacts_of_urdf else "that are invented, for no solid shows them"
         body = "mass, centre of mass and inertia are those of the URDF's links that rest"
@@ -89,7 +89,9 @@ class ExampleBase:
             f"; {name} lets two wheels rock: one contact at its pivot stands for both"
             if pivot
             else f"; {name} moves in the URDF and counts as fixed"
-            for name, pivot in dict.fromkeys((own.rocker, own.pivot) for own in self.contacts if own.rocker)
+            for name, pivot in dict.fromkeys(
+                (contact.rocker, contact.pivot) for contact in self.contacts if contact.rocker
+            )
         )
         return f"{body}; it stands on {contacts} {shown}{rockers}"
 
@@ -127,7 +129,7 @@ def example_base(file: UrdfFile, arm: ArmModel) -> ExampleBase:
         high = centre + np.array([0.0, 0.0, _HEIGHT]) if mass else np.zeros(3)
         return ExampleBase(heavy, middle, None, invented, _HEIGHT, False, False, mass, high)
     height = -float(contacts[0].position[2]) if contacts else _HEIGHT
-    lifted = tuple(replace(own, position=own.position * [1.0, 1.0, 0.0]) for own in contacts)
+    lifted = tuple(replace(foot, position=foot.position * [1.0, 1.0, 0.0]) for foot in contacts)
     about = None if why_impossible(inertia, ROUNDED * np.abs(inertia).max()) else inertia
     return ExampleBase(
         mass, centre + np.array([0.0, 0.0, height]), about, lifted or invented, height, True, bool(contacts)

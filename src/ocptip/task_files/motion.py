@@ -131,11 +131,11 @@ def with_stops(data: Table, task: MotionTask) -> MotionTask:
     names = {"brake_min": "brake_torque_min_Nm", "brake_max": "brake_torque_max_Nm", "delay": "brake_delay"}
     names |= {name: f"cancel_{name}" for name in _OF_CANCELS}
     with table.at(**names, deceleration="cancel_deceleration_deg_s2"):
-        found = StopRules(**rules, brake_min=ends[0], brake_max=ends[1], delay=delay, **cancel)
+        stop_rules = StopRules(**rules, brake_min=ends[0], brake_max=ends[1], delay=delay, **cancel)
         if any(end is not None for end in ends):
-            found.brakes(task.robot)
-        limits = found.safe(task.limits, task.robot, safe or None) if safe is not None else task.limits
-    return replace(task, stops=found, limits=limits)
+            stop_rules.brakes(task.robot)
+        limits = stop_rules.safe(task.limits, task.robot, safe or None) if safe is not None else task.limits
+    return replace(task, stops=stop_rules, limits=limits)
 
 
 def _decelerations(table: Table, robot: StandingMechanism) -> np.ndarray | None:
@@ -147,13 +147,13 @@ def _decelerations(table: Table, robot: StandingMechanism) -> np.ndarray | None:
         raise table.error("not beside cancel_stopj, which is another law", given[0])
     if not isinstance(robot, Robot):
         raise table.error("cancels are not computed for parallel robots", given[0])
-    found = robot.limits.acceleration.copy()
+    values = robot.limits.acceleration.copy()
     for key in given:
         rates = joint_values(table, key, robot.arm, slides=_RATES[key])
-        own = np.flatnonzero(np.array(robot.arm.prismatic) == _RATES[key])
+        indices = np.flatnonzero(np.array(robot.arm.prismatic) == _RATES[key])
         assert rates is not None
-        found[own] = np.where(np.isnan(rates), found[own], rates)
-    return found
+        values[indices] = np.where(np.isnan(rates), values[indices], rates)
+    return values
 
 
 _OF_CASES = ("sensor", "process", "motors")
@@ -323,10 +323,10 @@ def _published_task(data: Table, name: str, base: str) -> MotionTask:
     with data.table("limits").at(speed_limits="point_speed"):
         robot = robot.varied(arm=arm, sensor=sensor, speed_limits=speeds)
     source = task_source(data, robot)
-    own = {key: value for key, value in source.data.items() if key in _OF_CASES}
+    keys = {key: value for key, value in source.data.items() if key in _OF_CASES}
     if speeds:
-        own["limits"] = speed_table(speeds)
-    return replace(task, robot=robot, source=replace(source, data={"case": name, "base": base, **own}))
+        keys["limits"] = speed_table(speeds)
+    return replace(task, robot=robot, source=replace(source, data={"case": name, "base": base, **keys}))
 
 
 def _task(data: Table, path: Path, otherwise: Uncertainty) -> MotionTask:
@@ -337,7 +337,7 @@ def _task(data: Table, path: Path, otherwise: Uncertainty) -> MotionTask:
     starts, goals = (postures for postures, _ in ends)
     if not isinstance(robot, Robot):
         return ramp_task(name, robot, starts[0], goals[0], scene.limits, motion)
-    given = [own[0] for own, pose in ends if pose is None]
+    given = [posture[0] for posture, pose in ends if pose is None]
     robot = _with_finer_solids(robot, np.reshape(given, (-1, robot.n)), scene.limits.clearance)
     if (profile := motion["drive_profile"]) is not None:
         source = profile if in_words(profile) else motion.named_file("drive_profile")

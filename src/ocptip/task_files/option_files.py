@@ -81,15 +81,15 @@ def load_asked(path: str | os.PathLike[str], arm: ArmModel, poses: Mapping[str, 
 def _pose(table: Table, arm: ArmModel) -> np.ndarray:
     q = np.full(arm.n, np.nan)
     slides = np.array(arm.prismatic)
-    for key, own in (("angles_deg", ~slides), ("positions_m", slides)):
-        if not own.any():
+    for key, joints in (("angles_deg", ~slides), ("positions_m", slides)):
+        if not joints.any():
             continue
         table.require(key, "of the joints that " + ("turn" if key == "angles_deg" else "slide"))
         values = joint_values(table, key, arm, slides=key == "positions_m")
         if values is not None:
             if np.isnan(values).any():
                 raise table.error("needs a value for every joint", key)
-            q[own] = values
+            q[joints] = values
     return q
 
 
@@ -104,8 +104,8 @@ def read_columns(path: str | os.PathLike[str] | None) -> dict[str, str | int] | 
     with Table.read(path, COLUMNS_FILE) as data:
         data.close(early=True)
         table = data.table("columns")
-        found = {name: table.value(name) for name in table}
-        for name, place in found.items():
+        results = {name: table.value(name) for name in table}
+        for name, place in results.items():
             if isinstance(place, bool) or not isinstance(place, str | int):
                 raise table.error(f"expected the title or the number of a column, got {place!r}", name)
-        return found
+        return results

@@ -228,9 +228,9 @@ class _Reader:
         legs, pairs = [], {"actuated": [], "redundant": []}
         for number, leg in enumerate(data.tables("leg")):
             legs.append(self._leg(leg))
-            for key, found in pairs.items():
+            for key, pair in pairs.items():
                 joints = leg.get(key, size=legs[-1].n_joints)
-                found += [(number, joint - 1) for joint in joints]
+                pair += [(number, joint - 1) for joint in joints]
         name = data.get("name", data.file)
         gravity = data["gravity"]
         homes = {"home": data["home"]}
@@ -369,9 +369,9 @@ class _Reader:
         """The number that stands at a key, or at an element of its list, "base_position[1]"."""
         if isinstance(value, str) and value in self.parameters:
             return self.parameters[value]
-        found = _PI.fullmatch(value.replace(" ", "")) if isinstance(value, str) else None
-        if found is not None:
-            sign, factor, divisor = found.groups()
+        result = _PI.fullmatch(value.replace(" ", "")) if isinstance(value, str) else None
+        if result is not None:
+            sign, factor, divisor = result.groups()
             if divisor is not None and float(divisor) == 0:
                 raise table.error(f"division by zero in {value!r}", key)
             return (-1 if sign == "-" else 1) * float(factor or 1) * math.pi / float(divisor or 1)

@@ -166,8 +166,8 @@ def _waypoints(path: Path, task: Task, tolerance: float | None) -> GivenPath:
         if len(tables) != len(tasks):
             raise data.error(f"{len(tables)} paths, {task.name} has {len(tasks)} segments", "segment")
         paths, before = [], tasks[0].start
-        for table, own in zip(tables, tasks, strict=True):
-            paths.append(_path(table, own, before, tolerance))
+        for table, segment_task in zip(tables, tasks, strict=True):
+            paths.append(_path(table, segment_task, before, tolerance))
             before = paths[-1].path.goal
         for number, (one, other) in enumerate(pairwise(paths), 1):
             gap = float(np.abs(one.path.goal - other.path.start).max())
@@ -202,7 +202,7 @@ def _path(table: Table, task: MotionTask, before: np.ndarray, tolerance: float |
 def _base(table: Table, points: Sequence[Table], between: str) -> np.ndarray:
     """(M, 3) x, y and yaw of the base at waypoints; (M, 0) where they have none."""
     given = [point["base"] for point in points]
-    known = [own for own in given if own is not None]
+    known = [given_base for given_base in given if given_base is not None]
     if not known:
         return np.empty((len(points), 0))
     if len(known) < len(given) or between == "tool lines":

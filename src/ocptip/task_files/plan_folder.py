@@ -46,8 +46,8 @@ class PlanFolder:
             )
         motions = [part.motion for part in self.every_part]  # refuses one that lacks segments
         segments = tuple(
-            replace(segment, task=segment.between(own.start, own.goal), goals=own.goal[None])
-            for segment, own in zip(self.task.segments, motions, strict=True)
+            replace(segment, task=segment.between(motion.start, motion.goal), goals=motion.goal[None])
+            for segment, motion in zip(self.task.segments, motions, strict=True)
         )
         return replace(self.task, segments=segments, starts=self.motion.start[None])
 

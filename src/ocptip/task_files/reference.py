@@ -68,13 +68,13 @@ def reference_page() -> str:
 
 def _all_tables() -> list[Keys]:
     """The files and all tables below them, each once."""
-    found: dict[str, Keys] = {}
+    all_tables: dict[str, Keys] = {}
 
     def add(keys: Keys) -> None:
-        if keys.name in found:
-            assert found[keys.name] is keys, keys.name
+        if keys.name in all_tables:
+            assert all_tables[keys.name] is keys, keys.name
             return
-        found[keys.name] = keys
+        all_tables[keys.name] = keys
         for variant, _ in _flat(keys):
             for key in (*variant.keys.values(), *filter(None, [variant.others])):
                 if below := _below(key):
@@ -82,7 +82,7 @@ def _all_tables() -> list[Keys]:
 
     for keys in FILES:
         add(keys)
-    return list(found.values())
+    return list(all_tables.values())
 
 
 def _below(key: Key) -> Keys | None:
@@ -156,12 +156,12 @@ def _section(keys: Keys) -> str:
     if shared or len(variants) == 1:
         lines += _rows(keys if len(variants) == 1 else variants[0][0], shared)
     for variant, described in variants if len(variants) > 1 else ():
-        if own := {name: key for name, key in variant.keys.items() if name not in shared}:
+        if extra_keys := {name: key for name, key in variant.keys.items() if name not in shared}:
             which = [
                 f"`{key}`" if value is None else f"`{key} = {toml_value(value)}`"
                 for key, value in described.items()
             ]
-            lines += [f"With {' and '.join(which)}:\n" if which else "Else:\n", *_rows(variant, own)]
+            lines += [f"With {' and '.join(which)}:\n" if which else "Else:\n", *_rows(variant, extra_keys)]
     return "\n".join(lines)
 
 

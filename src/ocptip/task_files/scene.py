@@ -48,15 +48,17 @@ def contact_keys(model: type[Binding]) -> dict[str, Key]:
         for names, meaning in re.findall(r"^    ([a-z_, ]+): ((?:.|\n     )+)", attributes, re.MULTILINE):
             meanings |= dict.fromkeys(names.split(", "), re.split(r"[.;] ", " ".join(meaning.split()))[0])
     return {
-        own.name: _contact_key(own, meanings.get(own.name, own.name)) for own in fields(model) if own.init
+        field.name: _contact_key(field, meanings.get(field.name, field.name))
+        for field in fields(model)
+        if field.init
     }
 
 
-def _contact_key(own: Field[Any], meaning: str) -> Key:
-    kind = next((kind for word, kind in _TYPES.items() if word in str(own.type)), "number")
-    needed = own.default is MISSING and own.default_factory is MISSING
-    default = REQUIRED if needed and own.name not in _COMMON else None
-    otherwise = "" if needed or own.default in (None, MISSING) else f"{own.default}".strip("()")
+def _contact_key(field: Field[Any], meaning: str) -> Key:
+    kind = next((kind for word, kind in _TYPES.items() if word in str(field.type)), "number")
+    needed = field.default is MISSING and field.default_factory is MISSING
+    default = REQUIRED if needed and field.name not in _COMMON else None
+    otherwise = "" if needed or field.default in (None, MISSING) else f"{field.default}".strip("()")
     meaning = f"{meaning[0].upper()}{meaning[1:].rstrip('.')}."
     form: dict[str, Any] = {"type": kind, "items": {"type": "number"}} if kind == "array" else {"type": kind}
     if kind in ("boolean", "string"):
@@ -238,8 +240,8 @@ def _with_added(table: Table, mass: float, centre: np.ndarray, inertia: Any) -> 
     if reason := why_impossible(about, ROUNDED * np.abs(about).max()):
         raise table.error(reason, "inertia")
     before = np.zeros((3, 3)) if inertia is None else symmetric_matrix(inertia)
-    whole, middle, found = union((mass, centre, before), (*added, about))
-    return whole, middle, None if inertia is None else found
+    whole, middle, result = union((mass, centre, before), (*added, about))
+    return whole, middle, None if inertia is None else result
 
 
 def _feet(base: Table, common: dict[str, Any]) -> list[Binding]:
@@ -271,8 +273,8 @@ def _contact(table: Table, base: Table, common: dict[str, Any], dimension: int |
     """
     kind = table["kind"]
     cls = Binding.registry[kind]
-    own = {key: None for key in _DAMPING if any(other in table for other in _DAMPING)}
-    parameters = {field.name: {**common, **own}.get(field.name) for field in fields(cls)}
+    damping = {key: None for key in _DAMPING if any(other in table for other in _DAMPING)}
+    parameters = {field.name: {**common, **damping}.get(field.name) for field in fields(cls)}
     for field in fields(cls):
         needed = field.default is MISSING and field.default_factory is MISSING
         if field.init and needed and parameters.get(field.name) is None:

@@ -266,12 +266,12 @@ def _limits(arm: ArmModel) -> Iterator[str]:
         (False, ("speed_deg_s", "torque_Nm", "acceleration_deg_s2"), (90, 100)),
         (True, ("speed_m_s", "force_N", "acceleration_m_s2"), (0.2, 500)),
     ):
-        own = np.flatnonzero(arm.prismatic == slides)
+        indices = np.flatnonzero(arm.prismatic == slides)
         for key, values, example in zip(keys, (limits.speed, limits.torque), examples, strict=False):
-            if lacking := [arm.joint_names[j] for j in own if not np.isfinite(values[j])]:
+            if lacking := [arm.joint_names[j] for j in indices if not np.isfinite(values[j])]:
                 table = ", ".join(f"{toml_value(name)} = {example}" for name in lacking)
                 yield _line(ARM_LIMITS.keys, key, f"{{ {table} }}", "not in the URDF", mark=True)
-        unknown = own[np.isfinite(limits.speed[own]) & ~np.isfinite(limits.acceleration[own])]
+        unknown = indices[np.isfinite(limits.speed[indices]) & ~np.isfinite(limits.acceleration[indices])]
         if unknown.size:
             values = arm.in_degrees(limits.speed / FULL_SPEED)
             table = ", ".join(f"{toml_value(arm.joint_names[j])} = {values[j]:.6g}" for j in unknown)
@@ -301,11 +301,11 @@ def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:
     yield "# Replace them by yours: joint values of the robot's display, or of ROS's /joint_states"
     yield "# (radians there), in the order behind each line; or a gripper pose, see below."
     for slides, key in ((False, "deg"), (True, "m")):
-        own = np.flatnonzero(arm.prismatic == slides)
-        if own.size:
-            names = ", ".join(arm.joint_names[j] for j in own)
+        indices = np.flatnonzero(arm.prismatic == slides)
+        if indices.size:
+            names = ", ".join(arm.joint_names[j] for j in indices)
             for place, values in places.items():
-                yield _line(end_keys(place, place), f"{place}_{key}", _list(values[own]), names)
+                yield _line(end_keys(place, place), f"{place}_{key}", _list(values[indices]), names)
     yield "# or start_pose = { position = [0.5, 0.0, 0.8], rpy_deg = [180, 0, 0] }: of tool_frame, base axes"
     if arm.states:
         states = list(arm.states)

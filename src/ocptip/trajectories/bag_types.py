@@ -58,8 +58,8 @@ def rosbags_package() -> Rosbags:
 def _of_idl(parse: Callable[[str], dict[str, Any]], text: str) -> dict[str, Any]:
     """Types of definitions in IDL, each below a line of "=" and its name."""
     parts = text.split(f"{'=' * 80}\n")[1:] or [text]
-    found = [parse(part.split("\n", 1)[1] if part.startswith("IDL: ") else part) for part in parts]
-    return {name: own for types in found for name, own in types.items()}
+    results = [parse(part.split("\n", 1)[1] if part.startswith("IDL: ") else part) for part in parts]
+    return {name: types_here for types in results for name, types_here in types.items()}
 
 
 def store_of(connection: Any, usual: Any) -> Any:
@@ -69,10 +69,12 @@ def store_of(connection: Any, usual: Any) -> Any:
         return usual
     store = rosbags.empty()
     try:
-        found = rosbags.parsers[form](connection.msgdef.data, connection.msgtype)
-        if all(_fields(usual.fielddefs.get(name)) == _fields(own) for name, own in found.items()):
+        result = rosbags.parsers[form](connection.msgdef.data, connection.msgtype)
+        if all(
+            _fields(usual.fielddefs.get(name)) == _fields(type_here) for name, type_here in result.items()
+        ):
             return usual
-        store.register({name: ([], fields) for name, (_, fields) in found.items()})
+        store.register({name: ([], fields) for name, (_, fields) in result.items()})
     except rosbags.unreadable:
         return usual  # of a topic that is not wanted this must not matter
     return store
@@ -101,8 +103,8 @@ def fields_to_trajectory(types: Mapping[str, Any], kind: str, seen: set[str]) ->
 
 def messages_inside(message: Any, path: Sequence[str]) -> list[Any]:
     """What the fields of a message lead to; lists of messages have several."""
-    found = [message]
+    results = [message]
     for field in path:
-        values = [getattr(own, field) for own in found]
-        found = [one for value in values for one in (value if isinstance(value, list) else [value])]
-    return found
+        values = [getattr(item, field) for item in results]
+        results = [one for value in values for one in (value if isinstance(value, list) else [value])]
+    return results

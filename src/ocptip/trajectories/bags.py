@@ -250,8 +250,8 @@ class _Bag:
             if number >= MOST_MESSAGES:
                 raise InputError(f"has more than {MOST_MESSAGES:,} messages on {some(topics)}")
             message = self.decode[connection.id](raw, connection.msgtype)
-            own = messages_inside(message, self.inner_fields.get(connection.topic, ()))
-            read += [(connection.topic, time, one) for one in own]
+            fields = messages_inside(message, self.inner_fields.get(connection.topic, ()))
+            read += [(connection.topic, time, one) for one in fields]
         stamps = [_stamp_of(message) for *_, message in read]
         if all(stamps):
             read = [(topic, stamp, m) for (topic, _, m), stamp in zip(read, stamps, strict=True)]
@@ -279,8 +279,8 @@ def _opened(path: str | os.PathLike[str]) -> Iterator[_Bag]:
                     store = store_of(one, usual)
                     decode[one.id] = store.deserialize_ros1 if old else store.deserialize_cdr
                     known = one.msgtype in store.fielddefs
-                    if known and (found := fields_to_trajectory(store.fielddefs, one.msgtype, set())):
-                        inner_fields[one.topic] = found
+                    if known and (result := fields_to_trajectory(store.fielddefs, one.msgtype, set())):
+                        inner_fields[one.topic] = result
             topics = {name: min(types) for name, types in kinds.items() if len(types) == 1}
             yield _Bag(reader, decode, topics, inner_fields)
     except InputError as error:

@@ -192,20 +192,20 @@ def one_row_per_time(
         return table
     (place,) = places
     joints = list(dict.fromkeys(table.texts(place)))
-    own = [k for k in range(len(table.header)) if k != place and k not in clock]
+    columns = [k for k in range(len(table.header)) if k != place and k not in clock]
     header = [table.header[k] for k in clock]
-    header += [f"{joint}.{table.header[k]}" for joint in joints for k in own]
+    header += [f"{joint}.{table.header[k]}" for joint in joints for k in columns]
     rows, lines, seen = [], [], set[str]()
     for k, row in enumerate(table.rows):
         if k == 0 or times[k] != times[k - 1]:
-            rows.append([*(row[c] for c in clock), *[""] * (len(joints) * len(own))])
+            rows.append([*(row[c] for c in clock), *[""] * (len(joints) * len(columns))])
             lines.append(table.lines[k])
             seen = set()
         if row[place] in seen:
             raise InputError(f"line {table.lines[k]}: {row[place]} again, at the same time")
         seen.add(row[place])
-        begin = len(clock) + joints.index(row[place]) * len(own)
-        rows[-1][begin : begin + len(own)] = [row[c] for c in own]
+        begin = len(clock) + joints.index(row[place]) * len(columns)
+        rows[-1][begin : begin + len(columns)] = [row[c] for c in columns]
     return TextTable(header, rows, lines)
 
 
@@ -227,7 +227,7 @@ def plain_names(table: TextTable, names: Sequence[str] | None, *, measured: bool
         if match and match["name"] in (names or ()):
             header[k] = f"{match['before']}.{match['name']}{match['rest']}"
     from_zero = any(map(_FROM_ZERO.fullmatch, header))
-    found = {}
+    kinds = {}
     for k, title in enumerate(header):
         match = _ARRAY.fullmatch(title)
         if match is None or (_PLAIN.fullmatch(title) and not from_zero):
@@ -235,19 +235,19 @@ def plain_names(table: TextTable, names: Sequence[str] | None, *, measured: bool
         parts = re.split(r"[./_\s]+", match["before"].lower())
         named = title.removesuffix(match["rest"]) in (names or ())
         if not named and not (measured and set(parts) & set(_MEANT)):
-            found[k] = match
-    if not found:
+            kinds[k] = match
+    if not kinds:
         return replace(table, header=header)
-    numbers = {int(m["index"] or m["low"] or m["glued"]) for m in found.values()}
+    numbers = {int(m["index"] or m["low"] or m["glued"]) for m in kinds.values()}
     first = min(numbers)
     count = len(names) if names else max(numbers) + (first == 0)
     if first > 0 and max(numbers) != count:
         raise InputError(
-            f"header: {header[min(found)]}: are joints counted from 0 or from 1? The robot has {count}; say "
+            f"header: {header[min(kinds)]}: are joints counted from 0 or from 1? The robot has {count}; say "
             "it in a file for --columns"
         )
     titles = dict[str, str]()
-    for k, match in found.items():
+    for k, match in kinds.items():
         number = int(match["index"] or match["low"] or match["glued"]) + (first == 0)
         name = f"{_SHORT[match['word']]}{number}"
         if (other := titles.setdefault(name, header[k])) != header[k]:
@@ -310,12 +310,12 @@ def time_columns(header: Sequence[str]) -> TimeColumns:
     Raises:
         InputError: there is none, or several.
     """
-    found = [(k, match) for k, text in enumerate(header) if (match := _TIME.fullmatch(text))]
-    exact = [pair for pair in found if header[pair[0]] == "time_s"]
-    if len(exact or found) == 1:
-        number, match = (exact or found)[0]
+    results = [(k, match) for k, text in enumerate(header) if (match := _TIME.fullmatch(text))]
+    exact = [pair for pair in results if header[pair[0]] == "time_s"]
+    if len(exact or results) == 1:
+        number, match = (exact or results)[0]
         return TimeColumns((number,), -9 if match["nano"] else _UNITS.get((match["unit"] or "").lower()))
-    if not found:
+    if not results:
         seconds, nanoseconds = (
             {match["before"]: k for k, text in enumerate(header) if (match := form.fullmatch(text))}
             for form in (_SECONDS, _NANOSECONDS)
@@ -352,9 +352,9 @@ def times_of(table: TextTable) -> tuple[np.ndarray, TimeColumns]:
         power = 0 if epoch is None else epoch
     origin = first if epoch == power else Decimal(0)
     times = [(value - origin).scaleb(power) for value in values]
-    for line, own in zip(table.lines, times, strict=True):
-        refuse_huge(f"line {line}, {title}", float(own))
-    return np.array([float(own) for own in times]), where
+    for line, time in zip(table.lines, times, strict=True):
+        refuse_huge(f"line {line}, {title}", float(time))
+    return np.array([float(time) for time in times]), where
 
 
 def _whole(table: TextTable, row: int, column: int) -> int:

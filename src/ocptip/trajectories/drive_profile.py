@@ -101,18 +101,18 @@ class DriveProfile:
 
     def at_pace(self, factor: float) -> DriveProfile:
         """The same course with all times multiplied by a factor > 0."""
-        own = self.velocities
-        powers = factor ** -np.arange(1.0, len(own.derivatives) + 1)[:, None, None]
-        changed = {"derivatives": powers * own.derivatives, "goal": own.goal / factor}
-        return DriveProfile(replace(own, breaks=factor * own.breaks, **changed))
+        velocities = self.velocities
+        powers = factor ** -np.arange(1.0, len(velocities.derivatives) + 1)[:, None, None]
+        changed = {"derivatives": powers * velocities.derivatives, "goal": velocities.goal / factor}
+        return DriveProfile(replace(velocities, breaks=factor * velocities.breaks, **changed))
 
     def to_csv(self) -> str:
         """Time, v, vy and w: what `load_drive_profile` reads; exact where velocities are straight lines."""
-        own = self.velocities
-        times, values = own.breaks, np.vstack([own.derivatives[0], own.goal])
-        if np.any(own.derivatives[2:]):
+        velocities = self.velocities
+        times, values = velocities.breaks, np.vstack([velocities.derivatives[0], velocities.goal])
+        if np.any(velocities.derivatives[2:]):
             times = np.unique(np.append(np.arange(0.0, self.end, _SAMPLED), times))
-            values = own.at(times, range(1))[0]
+            values = velocities.at(times, range(1))[0]
         rows = np.column_stack([times, values]).tolist()
         return "\n".join(["time,v,vy,w", *(",".join(map(repr, row)) for row in rows), ""])
 
@@ -237,10 +237,10 @@ def _velocity(title: str) -> tuple[int, str] | None:
     match = _UNIT.search(title)
     unit = match["unit"] if match and match.end() == len(title) else ""
     name = (title[: match.start()] if match and unit else title).strip().lower().replace("/", ".")
-    found = next((k for word, k in _NAMES.items() if name == word or name.endswith(f".{word}")), None)
-    if found is None or (unit and (unit == "m") == (found == 2)):
+    result = next((k for word, k in _NAMES.items() if name == word or name.endswith(f".{word}")), None)
+    if result is None or (unit and (unit == "m") == (result == 2)):
         return None
-    return found, "" if unit == "m" else unit
+    return result, "" if unit == "m" else unit
 
 
 def _of_table(table: TextTable, unit: str | None) -> DriveProfile:
@@ -250,10 +250,10 @@ def _of_table(table: TextTable, unit: str | None) -> DriveProfile:
         raise InputError(f"times: at least two samples are needed, got {len(times)}")
     if (wrong := np.flatnonzero(np.diff(times) <= 0)).size:
         raise InputError(f"line {table.lines[int(wrong[0]) + 1]}: the time does not increase")
-    own = {k: found for k, title in enumerate(table.header) if (found := _velocity(title))}
-    values = numbers_of(table, own)
+    columns = {k: result for k, title in enumerate(table.header) if (result := _velocity(title))}
+    values = numbers_of(table, columns)
     velocities, seen = np.zeros((len(times), 3)), set[int]()
-    for column, (which, given) in own.items():
+    for column, (which, given) in columns.items():
         if which in seen:
             raise InputError(f"header: {table.header[column]} is the same velocity as another column")
         seen.add(which)

@@ -66,8 +66,8 @@ def fitted(
     rests = rests_of(times, positions, tolerance)
     held = positions.copy()
     for first, last in rests:
-        own = positions[first : last + 1]
-        held[first : last + 1] = 0.5 * (own.min(axis=0) + own.max(axis=0))
+        position = positions[first : last + 1]
+        held[first : last + 1] = 0.5 * (position.min(axis=0) + position.max(axis=0))
     spacing = SPACING * float(np.sqrt(np.min(tolerance) / FINEST))
     if np.any(noise > NOISE * rounding):
         spacing = max(spacing, float(np.median(np.diff(times))))
@@ -94,7 +94,7 @@ def least_jerk(times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray) 
     B-spline. The tolerance may change it by at most that times the sum of its absolute weights. Differences
     of samples farther apart are less sensitive to it, and of longer means: all doublings are tried.
     """
-    found, stride = np.zeros(positions.shape[1]), 1
+    values, stride = np.zeros(positions.shape[1]), 1
     while 3 * stride < len(times):
         first = np.arange(len(times) - 3 * stride)
         chosen = first[:, None] + stride * np.arange(4)
@@ -102,8 +102,8 @@ def least_jerk(times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray) 
         weights = 6 / np.prod(apart + np.eye(4), axis=2)
         means = np.abs(np.einsum("ik,ikn->in", weights, positions[chosen]))
         sure = means - np.sum(np.abs(weights), axis=1)[:, None] * tolerance
-        found, stride = np.maximum(found, sure.max(axis=0)), 2 * stride
-    return found
+        values, stride = np.maximum(values, sure.max(axis=0)), 2 * stride
+    return values
 
 
 def rests_of(times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray) -> list[tuple[int, int]]:
@@ -122,7 +122,7 @@ def rests_of(times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray) ->
             low = high = q
             runs.append([k, k])
         runs[-1][1] = k
-    found = []
+    rests = []
     for first, last in runs[1:-1]:
         edge = REST_EDGE * (times[last] - times[first])
         inside = (
@@ -130,8 +130,8 @@ def rests_of(times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray) ->
             np.searchsorted(times, times[last] - edge, "right") - 1,
         )
         if times[last] - times[first] >= REST_TIME and inside[1] > inside[0]:
-            found.append((int(inside[0]), int(inside[1])))
-    return found
+            rests.append((int(inside[0]), int(inside[1])))
+    return rests
 
 
 def _part(
@@ -192,7 +192,7 @@ def noise_of(times: np.ndarray, positions: np.ndarray) -> np.ndarray:
     """
     if len(times) < ENOUGH:
         return np.zeros(positions.shape[1])
-    found = []
+    noise = []
     for reach in (2, 3):
         middle = np.arange(reach, len(times) - reach)
         others = np.array([k for k in range(-reach, reach + 1) if k])
@@ -204,8 +204,8 @@ def noise_of(times: np.ndarray, positions: np.ndarray) -> np.ndarray:
                     weights[:, k] *= t[:, other] / (t[:, other] - t[:, k])
         left = positions[middle] - np.einsum("ik,ikn->in", weights, positions[middle[:, None] + others])
         left /= np.sqrt(1 + np.sum(weights**2, axis=1))[:, None]
-        found.append(np.quantile(np.abs(left), 0.25, axis=0) / STILL)
-    return np.where(found[1] > WHITE * found[0], np.minimum(*found), 0.0)
+        noise.append(np.quantile(np.abs(left), 0.25, axis=0) / STILL)
+    return np.where(noise[1] > WHITE * noise[0], np.minimum(*noise), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,18 +235,18 @@ class _Spline:
     def of(cls, times: np.ndarray, ends: np.ndarray) -> _Spline:
         """With pieces between these ends, s."""
         unit = float(np.median(np.diff(times)))
-        at, knots = times / unit, ends / unit
+        scaled_times, knots = times / unit, ends / unit
         whole = np.concatenate([knots[[0, 0]], knots, knots[[-1, -1]]])
         count = len(knots)
         speeds = scipy.sparse.diags(2 / (whole[3 : count + 3] - whole[1 : count + 1])) @ _differences(count)
         accelerations = scipy.sparse.diags(1 / np.diff(knots)) @ _differences(count - 1) @ speeds
         none = scipy.sparse.csr_matrix((1, count + 1))
         return cls(
-            at,
+            scaled_times,
             unit,
             knots,
             0.5 * (whole[1 : count + 2] + whole[2 : count + 3]),
-            scipy.sparse.csr_matrix(scipy.interpolate.BSpline.design_matrix(at, whole, 2)),
+            scipy.sparse.csr_matrix(scipy.interpolate.BSpline.design_matrix(scaled_times, whole, 2)),
             scipy.sparse.csr_matrix(scipy.interpolate.BSpline.design_matrix(knots, whole, 2)),
             scipy.sparse.csr_matrix(speeds),
             scipy.sparse.csr_matrix(_differences(count) @ scipy.sparse.vstack([none, accelerations, none])),
@@ -269,11 +269,11 @@ class _Spline:
         if np.ptp(positions) <= 0:
             rest = np.zeros(len(self.knots)), np.zeros(len(positions))
             return positions[0] + rest[0], rest[0], positions[0] + rest[1], rest[1]
-        at = (positions - positions[0]) / tolerance
-        slack = np.ones(len(at))
+        scaled = (positions - positions[0]) / tolerance
+        slack = np.ones(len(scaled))
         slack[[0, -1]] = np.where(held, HELD, 1.0)
-        near = np.interp(self.places, self.times, at)  # the program adds what is missing, a few units
-        coefficients = near + self._added(near, at, slack)
+        near = np.interp(self.places, self.times, scaled)  # the program adds what is missing, a few units
+        coefficients = near + self._added(near, scaled, slack)
         speeds = self.speeds @ coefficients
         speeds[[0, -1]] = 0.0
         return (
@@ -283,12 +283,12 @@ class _Spline:
             tolerance / self.unit * np.interp(self.times, self.knots, speeds),
         )
 
-    def _added(self, near: np.ndarray, at: np.ndarray, slack: np.ndarray) -> np.ndarray:
+    def _added(self, near: np.ndarray, places: np.ndarray, slack: np.ndarray) -> np.ndarray:
         """The change of coefficients, from the linear program: minimum sum of acceleration steps within the
         slack.
         """
         size, count = len(near), len(self.knots)
-        each, none = scipy.sparse.identity(count), scipy.sparse.csr_matrix((len(at), count))
+        each, none = scipy.sparse.identity(count), scipy.sparse.csr_matrix((len(places), count))
         ends = self.speeds[[0, -1]]
         matrix = scipy.sparse.vstack(
             [
@@ -299,19 +299,19 @@ class _Spline:
                 scipy.sparse.hstack([-self.at_samples, none]),
             ]
         )
-        jumps, missing = self.jumps @ near, at - self.at_samples @ near
+        jumps, missing = self.jumps @ near, places - self.at_samples @ near
         bounds = np.concatenate([-(ends @ near), -jumps, jumps, slack + missing, slack - missing])
-        cones = [clarabel.ZeroConeT(2), clarabel.NonnegativeConeT(2 * (count + len(at)))]
+        cones = [clarabel.ZeroConeT(2), clarabel.NonnegativeConeT(2 * (count + len(places)))]
         price = np.concatenate([np.zeros(size), np.ones(count)])
         settings = quiet_settings()
         settings.tol_gap_rel = settings.tol_gap_abs = 1e-6
         status = ""
         for share in STEPS:
             setattr(settings, "max_step_fraction", share)  # noqa: B010  # missing in its stubs
-            found = solve_cones(price, scipy.sparse.csc_matrix(matrix), bounds, cones, settings)
-            status = str(found.status)
+            result = solve_cones(price, scipy.sparse.csc_matrix(matrix), bounds, cones, settings)
+            status = str(result.status)
             if status in USABLE:
-                return np.array(found.x[:size])
+                return np.array(result.x[:size])
             if status in INFEASIBLE:
                 break
         raise ArithmeticError(status)

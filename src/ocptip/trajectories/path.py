@@ -98,8 +98,12 @@ class JointPath:
             raise InputError("s: must be in [0, 1]")
         piece = np.clip(np.searchsorted(self.breakpoints, places, side=side) - 1, 0, self.pieces - 1)
         beyond = (places - self.breakpoints[piece])[..., None]
-        own = self.coefficients[:, piece]
-        return derivatives(own, beyond, 0), derivatives(own, beyond, 1), derivatives(own, beyond, 2)
+        coefficient = self.coefficients[:, piece]
+        return (
+            derivatives(coefficient, beyond, 0),
+            derivatives(coefficient, beyond, 1),
+            derivatives(coefficient, beyond, 2),
+        )
 
     @property
     def pieces(self) -> int:
@@ -132,17 +136,19 @@ class JointPath:
     @cached_property
     def ranges(self) -> np.ndarray:
         """Minimum and maximum position of each joint, exact, (n, 2), rad or m."""
-        found = []
+        results = []
         for joint, turns in enumerate(self.curve.derivative().roots(discontinuity=False, extrapolate=False)):
             places = np.concatenate([self.breakpoints, np.clip(turns[np.isfinite(turns)], 0, 1)])
             values = self.at(places)[0][:, joint]
-            found.append((values.min(), values.max()))
-        return np.array(found)
+            results.append((values.min(), values.max()))
+        return np.array(results)
 
     def _at_ends(self, order: int) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of that order at begin and end of every piece, (K, n) each."""
         widths = np.diff(self.breakpoints)[:, None]
-        begins, ends = (derivatives(self.coefficients, at, order) for at in (0 * widths, widths))
+        begins, ends = (
+            derivatives(self.coefficients, widths_from, order) for widths_from in (0 * widths, widths)
+        )
         return begins, ends
 
 
@@ -244,15 +250,15 @@ class PathTiming:
         law = law[: 2 if self.times is None else 3]
         power = np.ones((1, len(h)))  # coefficients of the powers of the way since the node
         orders = degree * len(law)
-        found = np.zeros((orders + 1, len(h), self.path.joints))
+        values = np.zeros((orders + 1, len(h), self.path.joints))
         for k in range(degree + 1):
-            found[: len(power)] += power[:, :, None] * (derivatives(of_place, beyond, k) / factorial(k))
+            values[: len(power)] += power[:, :, None] * (derivatives(of_place, beyond, k) / factorial(k))
             longer = np.zeros((len(power) + len(law), len(h)))
             for shift, row in enumerate(law, 1):
                 longer[shift : shift + len(power)] += row * power
             power = longer
-        found *= np.array([float(factorial(k)) for k in range(orders + 1)])[:, None, None]
-        return (Pieces(self.node_times, found, self.path.goal),)
+        values *= np.array([float(factorial(k)) for k in range(orders + 1)])[:, None, None]
+        return (Pieces(self.node_times, values, self.path.goal),)
 
     def time_scaled(self, factor: float) -> PathTiming:
         """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""
@@ -291,12 +297,14 @@ class PathTiming:
         Raises:
             InputError: a key is missing, or its value cannot be used; names it.
         """
-        own = data.get("path")
+        path_data = data.get("path")
         keys = ("breakpoints", "coefficients_rad", "s", "x_1_s2")
-        if not isinstance(own, Mapping) or any(key not in own for key in keys):
+        if not isinstance(path_data, Mapping) or any(key not in path_data for key in keys):
             raise InputError(f"path: expected a table with {', '.join(keys)}")
         with naming("path"):
             shapes = (None,), (None, None, None), (None,), (None,)
-            values = [finite_array(key, own[key], shape) for key, shape in zip(keys, shapes, strict=True)]
-            times = finite_array("times_s", own["times_s"], (None,)) if "times_s" in own else None
+            values = [
+                finite_array(key, path_data[key], shape) for key, shape in zip(keys, shapes, strict=True)
+            ]
+            times = finite_array("times_s", path_data["times_s"], (None,)) if "times_s" in path_data else None
             return cls(JointPath(*values[:2]), values[2], values[3], times)

@@ -155,9 +155,9 @@ def _of_pace(
             other = Leg.fitted(q, finer, breaks)
         except InputError:
             break  # there are too few samples
-        tolerance, own = finer, other.slower(times, v, a)
-        if own < slower:
-            leg, slower = other, own
+        tolerance, slowed = finer, other.slower(times, v, a)
+        if slowed < slower:
+            leg, slower = other, slowed
     if slower > _TOO_SLOW:
         raise InputError(
             f"path: with the accelerations of the motion a smooth curve along it from {times[0]:.6g} to "
@@ -336,12 +336,12 @@ def _moving(motion: Trajectory) -> list[tuple[float, float]]:
     events = motion.event_times
     rests = np.max(np.abs(motion.states(events)[1]), axis=1) <= STILL
     rests[[0, -1]] = True
-    ends, found = events[rests], []
+    ends, results = events[rests], []
     for begin, end in pairwise(ends):
         way = motion.states(np.linspace(begin, end, 9))[0]
         if np.max(np.ptp(way, axis=0)) > LEAST:
-            found.append((float(begin), float(end)))
-    return found
+            results.append((float(begin), float(end)))
+    return results
 
 
 def joined(legs: Sequence[Leg], how: str) -> FittedPath:
@@ -352,9 +352,9 @@ def joined(legs: Sequence[Leg], how: str) -> FittedPath:
     ends, rows, places, begin = [0.0], [], [], 0.0
     for leg in legs:
         shift = begin - leg.curve.x[0]
-        own = np.zeros((degree, *leg.curve.c.shape[1:]))
-        own[degree - len(leg.curve.c) :] = leg.curve.c
-        rows.append(own * powers[:, None, None])
+        coefficients = np.zeros((degree, *leg.curve.c.shape[1:]))
+        coefficients[degree - len(leg.curve.c) :] = leg.curve.c
+        rows.append(coefficients * powers[:, None, None])
         ends += ((leg.curve.x[1:] + shift) / whole).tolist()
         places.append((leg.lengths + shift) / whole)
         begin = leg.curve.x[-1] + shift

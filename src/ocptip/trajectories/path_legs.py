@@ -51,12 +51,17 @@ class Leg:
 
     @classmethod
     def of_rows(
-        cls, rows: list[np.ndarray], knots: list[float], lengths: np.ndarray, points: np.ndarray, own: slice
+        cls,
+        rows: list[np.ndarray],
+        knots: list[float],
+        lengths: np.ndarray,
+        points: np.ndarray,
+        section: slice,
     ) -> Leg:
         """Leg of polynomials between knots."""
         kept = np.append(np.diff(knots) > LEAST * knots[-1], True)  # blends may leave no line between them
         curve = scipy.interpolate.PPoly(np.stack(rows, axis=1)[:, kept[:-1]], np.array(knots)[kept])
-        return cls(curve, lengths[own], points[own], np.arange(len(points))[own])
+        return cls(curve, lengths[section], points[section], np.arange(len(points))[section])
 
     @classmethod
     def of_ramps(cls, motion: Trajectory, begin: float, end: float) -> Leg | None:
@@ -104,24 +109,24 @@ class Leg:
             True,
             len(samples) == 2 or (kept[-2] and lengths[-1] - lengths[-2] > _SAME * lengths[-1]),
         )
-        at, values = lengths[kept], samples[kept]
-        places = np.clip(np.searchsorted(np.flatnonzero(kept), breaks), 0, len(at) - 1)
-        jumps = at[_apart(places.tolist(), len(at))]
-        knots = _supported(at, np.union1d(np.linspace(0, at[-1], _FIRST + 1)[1:-1], jumps), jumps)
+        length, values = lengths[kept], samples[kept]
+        places = np.clip(np.searchsorted(np.flatnonzero(kept), breaks), 0, len(length) - 1)
+        jumps = length[_apart(places.tolist(), len(length))]
+        knots = _supported(length, np.union1d(np.linspace(0, length[-1], _FIRST + 1)[1:-1], jumps), jumps)
         while True:
-            curve = _least_squares(at, values, knots, jumps)
-            off = np.max(np.abs(curve(at) - values) / tolerance, axis=1)
+            curve = _least_squares(length, values, knots, jumps)
+            off = np.max(np.abs(curve(length) - values) / tolerance, axis=1)
             if off.max() <= 1:
-                return cls(curve, at, values, np.flatnonzero(kept))
-            owner = np.searchsorted(knots, at, side="right")
+                return cls(curve, length, values, np.flatnonzero(kept))
+            owner = np.searchsorted(knots, length, side="right")
             bad = np.unique(owner[off > _NEARLY])  # neighbours pull at each other
-            middles = [float(np.median(at[owner == k])) for k in bad]
-            more = _supported(at, np.union1d(knots, middles), jumps)
+            middles = [float(np.median(length[owner == k])) for k in bad]
+            more = _supported(length, np.union1d(knots, middles), jumps)
             if len(more) <= len(knots):
                 break
             knots = more
-        share = at[int(np.argmax(off))] / at[-1]
-        miss = np.max(np.abs(curve(at) - values))
+        share = length[int(np.argmax(off))] / length[-1]
+        miss = np.max(np.abs(curve(length) - values))
         raise InputError(
             f"path: no smooth curve keeps within {tolerance.min():.2g} (rad or m) of it: at "
             f"{100 * share:.0f} % of its length it is {miss:.2g} off; is there a corner? Say by how much the "
@@ -145,8 +150,8 @@ class Leg:
         way, bend = self.curve(self.lengths, nu=1), self.curve(self.lengths, nu=2)
         square = np.sum(way**2, axis=1)
         across = bend * (np.sum(way * v, axis=1) / square)[:, None] ** 2
-        own = way * (np.sum(way * (a - across), axis=1) / square)[:, None] + across
-        factors = np.sqrt(np.max(np.abs(own) / most, axis=1))
+        slowed = way * (np.sum(way * (a - across), axis=1) / square)[:, None] + across
+        factors = np.sqrt(np.max(np.abs(slowed) / most, axis=1))
         return float(np.trapezoid(np.maximum(factors, 1.0) - 1.0, t) / (t[-1] - t[0]))
 
 
@@ -159,31 +164,31 @@ def _apart(places: Sequence[int], count: int) -> list[int]:
     return kept[1:]
 
 
-def _supported(at: np.ndarray, knots: np.ndarray, jumps: np.ndarray) -> np.ndarray:
+def _supported(places: np.ndarray, knots: np.ndarray, jumps: np.ndarray) -> np.ndarray:
     """Knots (k,) with enough samples between them; those at curvature steps stay."""
     kept: list[float] = []
-    fixed = np.concatenate([[0.0], jumps, at[-1:]])
+    fixed = np.concatenate([[0.0], jumps, places[-1:]])
     for knot in knots:
         last = kept[-1] if kept else 0.0
         after = fixed[np.searchsorted(fixed, knot, side="right")]
         inside = min(
-            np.count_nonzero((at > low) & (at <= high)) for low, high in ((last, knot), (knot, after))
+            np.count_nonzero((places > low) & (places <= high)) for low, high in ((last, knot), (knot, after))
         )
         if inside >= _FEWEST // 2 or knot in jumps:
             kept.append(float(knot))
     return np.array(kept)
 
 
-def _least_squares(at: np.ndarray, values: np.ndarray, knots: np.ndarray, jumps: np.ndarray) -> PPoly:
+def _least_squares(places: np.ndarray, values: np.ndarray, knots: np.ndarray, jumps: np.ndarray) -> PPoly:
     """The quintic spline nearest to values (M, n), exact at both ends; at curvature steps its slope is
     continuous.
     """
     inner = np.sort(np.concatenate([knots, np.repeat(jumps, _DEGREE - 2)]))
-    edge = np.full(_DEGREE + 1, at[-1])
+    edge = np.full(_DEGREE + 1, places[-1])
     t = np.concatenate([np.zeros(_DEGREE + 1), inner, edge])
-    design = scipy.interpolate.BSpline.design_matrix(at, t, _DEGREE).tocsr()
+    design = scipy.interpolate.BSpline.design_matrix(places, t, _DEGREE).tocsr()
     count = len(t) - _DEGREE - 1
-    weights = np.gradient(at)
+    weights = np.gradient(places)
     coefficients = np.zeros((count, values.shape[1]))
     coefficients[0], coefficients[-1] = values[0], values[-1]
     left = values - design @ coefficients

@@ -114,7 +114,7 @@ class Pieces:
             return np.empty(0)
         times = self.breaks[piece] + elapsed
         inside = (times > self.breaks[0] + ENDS) & (times < self.breaks[-1] - ENDS)
-        found = [np.empty(0)]
+        results = [np.empty(0)]
         for j in np.flatnonzero(self.peaks(1) > STANDSTILL):
             candidates = np.unique(np.concatenate([self.breaks, times[inside & (joint == j)]]))
             middles = 0.5 * (candidates[1:] + candidates[:-1])
@@ -123,8 +123,8 @@ class Pieces:
             signs = np.sign(speeds)
             moving = np.flatnonzero(signs)
             turned = signs[moving[1:]] != signs[moving[:-1]]
-            found.append(candidates[1 + moving[:-1][turned]])
-        return np.sort(np.concatenate(found))
+            results.append(candidates[1 + moving[:-1][turned]])
+        return np.sort(np.concatenate(results))
 
     @cached_property
     def _padded(self) -> tuple[np.ndarray, np.ndarray]:
@@ -233,13 +233,13 @@ def _high_zeros(rows: np.ndarray, length: np.ndarray) -> tuple[np.ndarray, np.nd
     degree = np.where(large.any(axis=0), len(rows) - 1 - np.argmax(large[::-1], axis=0), 0)
     numbers, shares = [], []
     for d in np.unique(degree[degree > 0]):
-        own = np.flatnonzero(degree == d)
-        companion = np.zeros((len(own), d, d))
+        indices = np.flatnonzero(degree == d)
+        companion = np.zeros((len(indices), d, d))
         companion[:, np.arange(1, d), np.arange(d - 1)] = 1.0
-        companion[:, :, -1] = -(c[:d, own] / c[d, own]).T
+        companion[:, :, -1] = -(c[:d, indices] / c[d, indices]).T
         values = np.linalg.eigvals(companion)
         real = np.abs(values.imag) <= _REAL
-        numbers.append(np.repeat(own, np.sum(real, axis=1)))
+        numbers.append(np.repeat(indices, np.sum(real, axis=1)))
         shares.append(np.clip(values.real[real], -1.0, 2.0))
     if not numbers:
         return np.empty(0, dtype=int), np.empty(0)

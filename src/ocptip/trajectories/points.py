@@ -147,8 +147,8 @@ class Points:
         """Return the same curve with all times multiplied by `factor` > 0 (below 1: faster)."""
         factor = positive_number("factor", factor)
         powers = {"times": 1, "period": 1, "speeds": -1, "accelerations": -2, "before": -2}
-        own: dict[str, Any] = {name: getattr(self, name) for name in powers}
-        scaled = {name: x * factor ** powers[name] for name, x in own.items() if x is not None}
+        powers_of: dict[str, Any] = {name: getattr(self, name) for name in powers}
+        scaled = {name: x * factor ** powers[name] for name, x in powers_of.items() if x is not None}
         return replace(self, **scaled)
 
     def _between_samples(self) -> np.ndarray:
@@ -185,8 +185,8 @@ class Points:
         third = (10 * way - 4 * rate + 0.5 * bend) / h**3
         short = h < SHORT
         fifth, fourth, third = (
-            np.where(short, even, own)
-            for even, own in ((0.0, fifth), (0.0, fourth), (bends / (6 * h), third))
+            np.where(short, even, coefficient)
+            for even, coefficient in ((0.0, fifth), (0.0, fourth), (bends / (6 * h), third))
         )
         return np.stack([self.angles[:-1], speeds[:-1], begin, 6 * third, 24 * fourth, 120 * fifth])
 

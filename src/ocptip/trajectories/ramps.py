@@ -278,25 +278,25 @@ def phase_violations(
         InputError: shapes do not fit, or numbers are not finite.
     """
     w, d, c = _phase_arrays(peaks, ramps, cruises)
-    n, found = len(w), []
+    n, results = len(w), []
     for name, values in (("ramp", d), ("cruise", c)):
         negative = ((k, x) for k, x in enumerate(values, 1) if x < -tolerance)
-        found += [f"{name} {k}: lasts {x:.6g} s, must be >= 0" for k, x in negative]
-    if found:
-        return found
+        results += [f"{name} {k}: lasts {x:.6g} s, must be >= 0" for k, x in negative]
+    if results:
+        return results
     w, d, c = _snapped(w, d, c, tolerance)
     for k, (w_a, w_k, d_k, c_k) in enumerate(zip([0.0, *w[:-1]], w, d, c, strict=False), 1):
         where = f"command {k} (from {w_a:.6g} to {w_k:.6g} rad/s in {d_k:.6g} s, then {c_k:.6g} s of cruise)"
         if w_k == 0 and w_a == 0 and d_k == 0 and c_k == 0:
             continue
         if w_k == 0 and not (k == n and c_k == 0 and w_a != 0):
-            found.append(f"{where}: no command makes a joint rest between its ends; keep |w_{k}| > 0")
+            results.append(f"{where}: no command makes a joint rest between its ends; keep |w_{k}| > 0")
         elif d_k == 0 and w_k != w_a:
-            found.append(f"{where}: a step of the speed; the change must last")
+            results.append(f"{where}: a step of the speed; the change must last")
         elif d_k > 0 and w_k == w_a:
-            found.append(f"{where}: a duration that changes no speed; count it as cruise")
+            results.append(f"{where}: a duration that changes no speed; count it as cruise")
         elif 1 < k < n and (margin := _margin(w_a, w_k, d_k, c_k)) <= resolution:
-            found.append(
+            results.append(
                 f"{where}: the target is {margin:.3g} rad from where braking at once leads, must be more "
                 f"than {resolution:.3g}; slowing down needs some cruise, or leave out the command"
             )
@@ -304,10 +304,10 @@ def phase_violations(
     if d[-2] > 0 and w[-1] != w_a:
         wanted = abs(w[-1]) * d[-2] / abs(w[-1] - w_a)
         if abs(brake - wanted) > tolerance:
-            found.append(f"braking: lasts {brake:.6g} s, must last {wanted:.6g} s at the last acceleration")
+            results.append(f"braking: lasts {brake:.6g} s, must last {wanted:.6g} s at the last acceleration")
     elif (w[-1] == 0) != (brake == 0):
-        found.append(f"braking: lasts {brake:.6g} s, but the speed before it is {w[-1]:.6g} rad/s")
-    return found
+        results.append(f"braking: lasts {brake:.6g} s, but the speed before it is {w[-1]:.6g} rad/s")
+    return results
 
 
 def phases_to_commands(

@@ -139,7 +139,7 @@ def _stamp(number: int, point: Any) -> float:
     """Time of a point, s."""
     stamp = point.get("time_from_start") if isinstance(point, dict) else None
     given = stamp if isinstance(stamp, dict) else {}
-    keys = next((own for own in _STAMPS if given and set(given) <= set(own)), ())
+    keys = next((stamp_keys for stamp_keys in _STAMPS if given and set(given) <= set(stamp_keys)), ())
     parts = [given.get(key, 0) for key in keys]
     if not parts or not all(isinstance(v, int) and not isinstance(v, bool) for v in parts):
         raise InputError(
@@ -198,13 +198,13 @@ def load_motion(
     path = Path(path)
     bag = is_bag(path)
     refuse_of_other_files(bag, [topic] if topic else [], columns)
-    found = motion_in_bag(path, names, topic) if bag else None
+    result = motion_in_bag(path, names, topic) if bag else None
     text = "" if bag else read_text(path)
     try:
-        if isinstance(found, dict):
-            return motion_of_points(found, names, rate, start)
-        if found is not None:
-            return motion_of_table(found, names, units, "rad")
+        if isinstance(result, dict):
+            return motion_of_points(result, names, rate, start)
+        if result is not None:
+            return motion_of_table(result, names, units, "rad")
         if path.suffix.lower() in (".yaml", ".yml"):
             return motion_of_points(trajectory_in(parse_yaml(text)), names, rate, start)
         if not text.lstrip().startswith(("{", "[")):

@@ -75,15 +75,15 @@ def columns_of(
     numbered = [c for k, text in enumerate(header) if (c := _numbered(k, text))]
     named = [c for k, text in enumerate(header) if (c := _named(k, text, names))]
     if any(column.kind == POSITION for column in named) or not numbered:
-        found, n, titles = named, len(names or ()), list(names or ())
+        result, n, titles = named, len(names or ()), list(names or ())
     else:
-        found, n = numbered, max(column.joint for column in numbered) + 1
+        result, n = numbered, max(column.joint for column in numbered) + 1
         titles = [f"q{joint + 1}" for joint in range(n)]
     joints: dict[str, list[int]] = {}
     own_units: dict[str, list[str]] = {}
     for kind in KINDS:
         of_joint: dict[int, _Column] = {}
-        for column in found:
+        for column in result:
             if column.kind == kind and (other := of_joint.setdefault(column.joint, column)) is not column:
                 texts = header[other.number], header[column.number]
                 raise InputError(f"header: {texts[0]} and {texts[1]} are the same quantity")
@@ -180,10 +180,10 @@ def motion_of_table(
     if long is not table:
         times = times_of(long)[0]
     table = plain_names(long, names)
-    own = columns_of(table.header, names, units, unit)
+    columns = columns_of(table.header, names, units, unit)
     for kind in (POSITION, SPEED, ACCELERATION):
-        require_units(own.units[kind], units)
-    wanted = list(chain(*own.joints.values()))
+        require_units(columns.units[kind], units)
+    wanted = list(chain(*columns.joints.values()))
     kept = [k for k, row in enumerate(table.rows) if any(row[c] for c in wanted)]  # not of other signals
     table = replace(table, rows=[table.rows[k] for k in kept], lines=[table.lines[k] for k in kept])
     if len(kept) < 2:
@@ -191,13 +191,13 @@ def motion_of_table(
     cells = numbers_of(table, wanted)
     times = times[kept] - times[kept[0]]
     values = {
-        kind: np.stack([cells[c] for c in places], axis=1) * own.scales(kind)
-        for kind, places in own.joints.items()
+        kind: np.stack([cells[c] for c in places], axis=1) * columns.scales(kind)
+        for kind, places in columns.joints.items()
         if places
     }
     _require_order(times, table.lines, title, values)
-    motion = _as_given(times, values) or _fit(times, values, _rounding(table, own))
-    in_degrees = np.array(own.units[POSITION]) == "deg"
+    motion = _as_given(times, values) or _fit(times, values, _rounding(table, columns))
+    in_degrees = np.array(columns.units[POSITION]) == "deg"
     doubt_degrees("columns q_deg", np.rad2deg(values[POSITION][:, in_degrees]))
     return motion
 
@@ -223,10 +223,10 @@ def require_units(given: Sequence[str], units: Sequence[str]) -> None:
         units: "rad" or "m" per joint of the robot.
     """
     if len(given) == len(units):  # other numbers of joints are refused by the robot
-        for joint, (own, unit) in enumerate(zip(given, units, strict=True), 1):
-            if (own == "m") != (unit == "m"):
+        for joint, (unit_given, unit) in enumerate(zip(given, units, strict=True), 1):
+            if (unit_given == "m") != (unit == "m"):
                 slides = "moves in m" if unit == "m" else "turns"
-                raise InputError(f"units: joint {joint} {slides}, but the motion gives {own}")
+                raise InputError(f"units: joint {joint} {slides}, but the motion gives {unit_given}")
 
 
 def numbers_of(table: TextTable, wanted: Iterable[int]) -> dict[int, np.ndarray]:
@@ -304,7 +304,7 @@ def _fit(times: np.ndarray, values: dict[str, np.ndarray], rounding: np.ndarray)
 def _rounding(table: TextTable, columns: CsvColumns) -> np.ndarray:
     """(n,): half a unit of the last digit that positions usually have, rad or m; equal ones count once."""
     cells = (set(table.texts(column)) for column in columns.joints[POSITION])
-    digits = [np.median([_decimals(cell) for cell in own]) for own in cells]
+    digits = [np.median([_decimals(cell) for cell in row]) for row in cells]
     return 0.5 * 10.0 ** -np.array(digits) * columns.scales(POSITION)
 
 

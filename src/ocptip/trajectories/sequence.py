@@ -28,20 +28,20 @@ def joined(sequence: Sequence[Points], pauses: Sequence[float]) -> Points:
     """
     begin, times, rows = 0.0, [], {"angles": [], "speeds": [], "accelerations": []}
     for motion, pause in zip(sequence, pauses, strict=True):
-        own = stamped(begin + motion.times)
-        seamless = bool(times) and own[0] - times[-1][-1] < 1e-9  # its first sample is the last one before
+        row = stamped(begin + motion.times)
+        seamless = bool(times) and row[0] - times[-1][-1] < 1e-9  # its first sample is the last one before
         values = {name: getattr(motion, name) for name in rows}
-        times.append(own[int(seamless) :])
+        times.append(row[int(seamless) :])
         for name, value in values.items():
             if value is not None:
                 rows[name].append(value[int(seamless) :])
-        begin = float(stamped(own[-1] + pause + (motion.period or 0.0)))
+        begin = float(stamped(row[-1] + pause + (motion.period or 0.0)))
     if pauses[-1] > 0:
         times.append(stamped(times[-1][-1:] + max(pauses[-1], sequence[-1].period or 0.0)))
-        for name, own in rows.items():
-            if own:
-                own.append(own[-1][-1:] if name == "angles" else np.zeros_like(own[-1][-1:]))
-    whole: dict[str, Any] = {name: np.concatenate(own) if own else None for name, own in rows.items()}
+        for name, row in rows.items():
+            if row:
+                row.append(row[-1][-1:] if name == "angles" else np.zeros_like(row[-1][-1:]))
+    whole: dict[str, Any] = {name: np.concatenate(row) if row else None for name, row in rows.items()}
     angles = whole.pop("angles")
     return Points(np.concatenate(times), angles, **whole, period=sequence[0].period)
 
@@ -57,15 +57,15 @@ def standstills(points: Points) -> list[tuple[int, int]]:
         rests = np.all(np.abs(points.speeds) <= STILL, axis=1)
         same &= rests[:-1] & rests[1:]
     alone = rests.copy() if points.speeds is not None else np.zeros(len(rests), dtype=bool)
-    found, first = [], 0
+    results, first = [], 0
     while first < len(rests):
         last = first
         while last < len(same) and same[last]:
             last += 1
         if first > 0 and (last > first or (alone[first] and first < len(rests) - 1)):
-            found.append((first, last))
+            results.append((first, last))
         first = last + 1
-    return found
+    return results
 
 
 def parted(motion: Trajectory, seams: Sequence[tuple[int, int]]) -> Trajectory:
@@ -87,9 +87,9 @@ def parted(motion: Trajectory, seams: Sequence[tuple[int, int]]) -> Trajectory:
             for rate in (points.speeds, points.accelerations, points.before)
         )
         times = points.times[rows] - points.times[first]
-        own = stamped(times) if whole else times
+        clock = stamped(times) if whole else times
         values = {"speeds": speeds, "accelerations": accelerations, "before": before}
-        part = replace(points, times=own, angles=points.angles[rows], **values)
+        part = replace(points, times=clock, angles=points.angles[rows], **values)
         motions.append(replace(motion, points=part))
         corners = period if begin < end < last else 0.0
         pauses.append(max(float(points.times[end] - points.times[begin]) - corners, 0.0))

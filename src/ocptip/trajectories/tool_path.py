@@ -71,12 +71,12 @@ def tool_lines(
     refusal: InputError | None = None
     for start in starts:
         try:
-            found = _followed(arm, lines, start)
+            result = _followed(arm, lines, start)
         except InputError as error:
             refusal = refusal or error
             continue
         left_out = f", without {given - len(poses)} nearly the same as the one before"
-        return replace(found, how=found.how + left_out) if len(poses) < given else found
+        return replace(result, how=result.how + left_out) if len(poses) < given else result
     assert refusal is not None
     raise refusal
 
@@ -177,9 +177,9 @@ def _followed(arm: ArmModel, lines: _Lines, start: np.ndarray) -> ToolPath:
     """The path that begins in one posture."""
     legs, places, q = [], [], start
     for first, last in pairwise(lines.corners):
-        at, samples = _solutions(arm, lines, lines.lengths[first], lines.lengths[last], q)
+        lengths, samples = _solutions(arm, lines, lines.lengths[first], lines.lengths[last], q)
         legs.append(Leg.fitted(samples, np.full(arm.n, _CURVE)))
-        places.append(at[legs[-1].numbers])
+        places.append(lengths[legs[-1].numbers])
         q = samples[-1]
     freely = {"full": "", "axis": ", turning freely about its axis", "free": ", turning freely"}
     stops = len(lines.corners) - 2
@@ -196,39 +196,39 @@ def _solutions(
     arm: ArmModel, lines: _Lines, begin: float, end: float, q: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lengths (M,) and joint positions (M, n) along lines, from the posture `q` on."""
-    at, found, step = [begin], [q], (end - begin) / _FIRST
+    lengths, solutions, step = [begin], [q], (end - begin) / _FIRST
     least = (end - begin) / _MOST
-    while at[-1] < end:
-        ahead = min(at[-1] + step, end)
-        near = found[-1]
-        if len(at) > 1:
-            near = near + (ahead - at[-1]) / (at[-1] - at[-2]) * (near - found[-2])
+    while lengths[-1] < end:
+        ahead = min(lengths[-1] + step, end)
+        near = solutions[-1]
+        if len(lengths) > 1:
+            near = near + (ahead - lengths[-1]) / (lengths[-1] - lengths[-2]) * (near - solutions[-2])
         solution, there = _solved(arm, lines, near[None], *lines.at(np.array([ahead])))
-        if there[0] and np.abs(solution[0] - found[-1]).max() <= NEAR:
-            at.append(ahead)
-            found.append(solution[0])
+        if there[0] and np.abs(solution[0] - solutions[-1]).max() <= NEAR:
+            lengths.append(ahead)
+            solutions.append(solution[0])
             step = min(2 * step, (end - begin) / _FIRST)
         elif step > least:
             step *= 0.5
         else:
-            raise _refusal(arm, lines, np.array([ahead, min(ahead + _FURTHER, end)]), found[-1])
-    return _refined(arm, lines, np.array(at), np.array(found))
+            raise _refusal(arm, lines, np.array([ahead, min(ahead + _FURTHER, end)]), solutions[-1])
+    return _refined(arm, lines, np.array(lengths), np.array(solutions))
 
 
 def _refined(
-    arm: ArmModel, lines: _Lines, at: np.ndarray, found: np.ndarray
+    arm: ArmModel, lines: _Lines, lengths: np.ndarray, result: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Solutions between those that are known, until there are enough for a fit."""
     shortest = min((r for r in lines.reaches if r), default=np.inf)
-    while len(at) < max(_LEAST, _IN_BLEND * (at[-1] - at[0]) / (2 * shortest)):
-        middles = 0.5 * (at[1:] + at[:-1])
-        solution, there = _solved(arm, lines, 0.5 * (found[1:] + found[:-1]), *lines.at(middles))
+    while len(lengths) < max(_LEAST, _IN_BLEND * (lengths[-1] - lengths[0]) / (2 * shortest)):
+        middles = 0.5 * (lengths[1:] + lengths[:-1])
+        solution, there = _solved(arm, lines, 0.5 * (result[1:] + result[:-1]), *lines.at(middles))
         if not there.all():
             k = int(np.argmin(there))
-            raise _refusal(arm, lines, middles[k : k + 1], found[k])
-        order = np.argsort(np.concatenate([at, middles]), kind="stable")
-        at, found = np.concatenate([at, middles])[order], np.concatenate([found, solution])[order]
-    return at, found
+            raise _refusal(arm, lines, middles[k : k + 1], result[k])
+        order = np.argsort(np.concatenate([lengths, middles]), kind="stable")
+        lengths, result = np.concatenate([lengths, middles])[order], np.concatenate([result, solution])[order]
+    return lengths, result
 
 
 def _solved(

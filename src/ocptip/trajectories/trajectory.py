@@ -139,7 +139,7 @@ class Trajectory:
         of_parts = [
             [part.joint(k) for part in motion.pieces for k in range(len(part.goal))] for motion in self.parts
         ]
-        return tuple(following(own, self.begins.tolist()) for own in zip(*of_parts, strict=True))
+        return tuple(following(parts, self.begins.tolist()) for parts in zip(*of_parts, strict=True))
 
     @property
     def n(self) -> int:
@@ -364,7 +364,7 @@ class Trajectory:
             scaled = [motion.time_scaled(factor) for motion in self.parts]
             return Trajectory.from_segments(scaled, [factor * pause for pause in self.pauses])
         names = ("profiles", "points", "timing", "fit")
-        made = {name: own.time_scaled(factor) for name in names if (own := getattr(self, name)) is not None}
+        made = {name: part.time_scaled(factor) for name in names if (part := getattr(self, name)) is not None}
         return replace(self, **made)
 
     def slowed(self, factor: float) -> Trajectory:
@@ -383,10 +383,10 @@ class Trajectory:
         Raises:
             InputError: it is made of neither.
         """
-        own = self.profiles or self.timing
-        if own is None:
+        profiles = self.profiles or self.timing
+        if profiles is None:
             raise InputError("motion: only profiles and timed paths have parameters that can be written")
-        return own.to_dict(units)
+        return profiles.to_dict(units)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Trajectory:

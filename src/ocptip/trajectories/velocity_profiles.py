@@ -286,10 +286,12 @@ def checked_rise_times(rise_times: Any, n: int, name: str = "rise_time") -> tupl
         return ()
     if len(given) != n:
         raise InputError(f"{name}: expected one, or one for each of {n} joints, got {len(given)}")
-    found = tuple(positive_number(name, one, zero_allowed=True) for one in given)
-    if any(0 < one < SHORTEST_RISE for one in found):
-        raise InputError(f"{name}: must be 0 or at least {SHORTEST_RISE} s, got {min(filter(None, found))!r}")
-    return found if any(found) else ()
+    result = tuple(positive_number(name, one, zero_allowed=True) for one in given)
+    if any(0 < one < SHORTEST_RISE for one in result):
+        raise InputError(
+            f"{name}: must be 0 or at least {SHORTEST_RISE} s, got {min(filter(None, result))!r}"
+        )
+    return result if any(result) else ()
 
 
 def _is_list(value: Any) -> bool:

@@ -78,8 +78,10 @@ def task_of_motion(
             "say which robot by --task TASK.toml or --case A..H"
         )
     case = f"{case or named}"
-    found = experiment_task(case, base or (origin.get("base") if case == named else None) or "effective")
-    return replace(found, limits=replace(found.limits, tolerance=DEFAULT)), path
+    motion_task = experiment_task(
+        case, base or (origin.get("base") if case == named else None) or "effective"
+    )
+    return replace(motion_task, limits=replace(motion_task.limits, tolerance=DEFAULT)), path
 
 
 def _is_file(motion: object) -> bool:
@@ -145,8 +147,8 @@ def given_motion(
             return posture.name, driven, Trajectory.from_points(times, np.tile(posture.q, (2, 1)))
     if drive_profile is not None:
         how = {"rise_time": rise_time, "unit": unit, "rate": rate, "columns": columns, "topic": topic}
-        name, task, found = given_motion(motion, task, base=base, **how)
-        return name, driving(task, drive_profile), found
+        name, task, trajectory = given_motion(motion, task, base=base, **how)
+        return name, driving(task, drive_profile), trajectory
     if not isinstance(motion, str | os.PathLike | Trajectory):
         raise InputError("motion: a posture is held only where the base drives; give a drive profile")
     if not isinstance(motion, str | os.PathLike):
@@ -166,11 +168,11 @@ def given_motion(
         if rise_time:
             raise InputError("rise_time: not for cycles")
         return name, task, load_motion(path, robot.names, robot.units, several=True, **how)
-    found = load_motion(path, robot.names, robot.units, **how)
-    if found.profiles is not None:
-        own = found.rise_times or cast(MotionTask, task).rise_times or ()
-        return name, task, found.with_rise_times(own if rise_time is None else rise_time)
+    trajectory = load_motion(path, robot.names, robot.units, **how)
+    if trajectory.profiles is not None:
+        rise_times = trajectory.rise_times or cast(MotionTask, task).rise_times or ()
+        return name, task, trajectory.with_rise_times(rise_times if rise_time is None else rise_time)
     if rise_time is not None:
-        defined = "samples, which already define its timing" if found.points else "already a timing"
+        defined = "samples, which already define its timing" if trajectory.points else "already a timing"
         raise InputError(f"rise_time: {motion} has {defined}")
-    return name, task, found
+    return name, task, trajectory

@@ -35,28 +35,30 @@ _MARGINS = {
 """Margin by required quantity, and the unit of the requirement per unit of the margin."""
 
 
-def motion_outcomes(found: CheckedMotion, text: str) -> tuple[Outcome, ...]:
+def motion_outcomes(checked_motion: CheckedMotion, text: str) -> tuple[Outcome, ...]:
     """Which requirements in a text a checked motion meets.
 
     Raises:
         InputError: one of them cannot be understood, or is not of a motion.
     """
-    return tuple(_outcome(found, wanted) for wanted in read_requirements(text))
+    return tuple(_outcome(checked_motion, wanted) for wanted in read_requirements(text))
 
 
 def _decides(margin: MotionMargin) -> Margin:
     """The value that counts: the worst case if it is known."""
-    at = margin.worst_case or margin.nominal
-    assert at is not None  # others are left out
-    return at
+    worst_case = margin.worst_case or margin.nominal
+    assert worst_case is not None  # others are left out
+    return worst_case
 
 
-def _outcome(found: CheckedMotion, wanted: Requirement) -> Outcome:
+def _outcome(checked_motion: CheckedMotion, wanted: Requirement) -> Outcome:
     if wanted.name in ("duration", "energy"):
-        return wanted.compared(getattr(found.check, wanted.name))
+        return wanted.compared(getattr(checked_motion.check, wanted.name))
     if wanted.name in _MARGINS:
         name, scale = _MARGINS[wanted.name]
-        known = [one for one in found.margins if one.name == name and (one.worst_case or one.nominal)]
+        known = [
+            one for one in checked_motion.margins if one.name == name and (one.worst_case or one.nominal)
+        ]
         if name == FOOT_FORCE:
             known = [one for one in known if not one.object]
         # Of base and objects the worst counts.
@@ -70,8 +72,8 @@ def _outcome(found: CheckedMotion, wanted: Requirement) -> Outcome:
         return wanted.compared(scale * value.value, note=note + time)
     if wanted.name not in _DEVIATIONS:
         raise InputError(f"require: {wanted.name}: not of a motion")
-    found.task.robot.require_no_objects(f"require {wanted.name}")
-    deviations = {one.quantity: one for one in found.robustness}
+    checked_motion.task.robot.require_no_objects(f"require {wanted.name}")
+    deviations = {one.quantity: one for one in checked_motion.robustness}
     one = deviations.get(_DEVIATIONS[wanted.name])
     if one is None:
         return wanted.compared(None)

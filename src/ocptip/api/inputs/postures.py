@@ -103,10 +103,10 @@ class RestingPosture:
     def objects(self) -> tuple[Scene, ...]:
         """Each object as a scene, in axes of the gripper or the base, its acceleration a part of gravity."""
         scenes = []
-        for own in self.instant.interfaces[1:]:
-            support, wrench = own.footing.support, own.wrenches[0]
+        for interface in self.instant.interfaces[1:]:
+            support, wrench = interface.footing.support, interface.wrenches[0]
             support = support.varied(gravity=wrench[:3] / support.mass)
-            scenes.append(_scene_of(own.footing.name, support, wrench))
+            scenes.append(_scene_of(interface.footing.name, support, wrench))
         return tuple(scenes)
 
     def object_within(self, name: str, tolerance: Uncertainty) -> WithinAtRest | None:
@@ -115,8 +115,8 @@ class RestingPosture:
             return None
         assert isinstance(self.robot, Robot)
         scene = next(scene for scene in self.objects if scene.name == name)
-        own = next(own for own in self.robot.carried if own.object.name == name)
-        return object_within(own.footing, own.bodies, scene.support.gravity, tolerance)
+        match = next(match for match in self.robot.carried if match.object.name == name)
+        return object_within(match.footing, match.bodies, scene.support.gravity, tolerance)
 
     @classmethod
     def of(
@@ -177,11 +177,11 @@ class RestingPosture:
             return None
         limits = replace(self.limits, tolerance=tolerance)
         no_drives = replace(limits, torque_ratio=_NO_LIMIT)
-        found = []
-        for own in (limits, no_drives):
-            largest = largest_payloads(robot, own, self.q[None], robot.mass)
-            found += [float(largest.masses[0]), largest.names[largest.limits[0]]]
-        return LargestPayload(*found)
+        results = []
+        for limit_set in (limits, no_drives):
+            largest = largest_payloads(robot, limit_set, self.q[None], robot.mass)
+            results += [float(largest.masses[0]), largest.names[largest.limits[0]]]
+        return LargestPayload(*results)
 
     @property
     def process(self) -> ProcessWrench | None:
@@ -275,8 +275,8 @@ def _scene(
 
 def _scene_of(name: str, support: Support, wrench: np.ndarray) -> Scene:
     """A body on its contacts under a wrench (6,); what is not its weight is a single load."""
-    own = wrench - support.weight
-    return Scene(name, support, (Load(own[:3], own[3:], support.center_of_mass),), wrench)
+    arm_wrench = wrench - support.weight
+    return Scene(name, support, (Load(arm_wrench[:3], arm_wrench[3:], support.center_of_mass),), wrench)
 
 
 def resting_posture(
@@ -313,7 +313,7 @@ def _choice(task: Task, name: str) -> str:
     """That a named posture is one of several of its pose, and which; else empty."""
     which = "the pair of start and goal with the shortest joint travel"
     if isinstance(task, CycleTask):
-        ends = {"start": task.starts, **{own.name: own.goals for own in task.segments}}
+        ends = {"start": task.starts, **{segment.name: segment.goals for segment in task.segments}}
         count, which = len(ends[name]), "the first solution"
     else:
         angles = np.array([pair[name == "goal"] for pair in task.choices]).reshape(-1, task.robot.n)
@@ -330,6 +330,6 @@ def rests_of(task: Task) -> Rests:
     first = task.segments[0].task
     rests = {"start": (first.robot.resting(0), first.start, first.limits)}
     for segment in task.segments:
-        own = segment.task
-        rests[segment.name or "goal"] = own.robot.resting(1), own.goal, own.limits
+        segment_task = segment.task
+        rests[segment.name or "goal"] = segment_task.robot.resting(1), segment_task.goal, segment_task.limits
     return rests

@@ -126,12 +126,12 @@ class DriveEnvelope(SavedFolder):
         if self.given.deceleration is not None:
             return positive_number("deceleration", self.given.deceleration)
         every = (replace(self, interface=k) for k in range(len(self.robot.interfaces)))
-        return 0.8 * min(float(own._worst_of(self._straight).largest[1]) for own in every)
+        return 0.8 * min(float(envelope._worst_of(self._straight).largest[1]) for envelope in every)
 
     @cached_property
     def objects(self) -> dict[str, DriveEnvelope]:
         """Envelopes of the objects by name; of a base, else there are none."""
-        names = [own.name for own in self.robot.interfaces] if not self.interface else []
+        names = [interface.name for interface in self.robot.interfaces] if not self.interface else []
         given = replace(self.given, deceleration=self.stop_deceleration) if names[1:] else self.given
         return {name: replace(self, interface=k, given=given) for k, name in enumerate(names) if k}
 
@@ -209,8 +209,8 @@ class DriveEnvelope(SavedFolder):
         count = number.shape[1]
         if nominal is not None:
             nominal = replace(nominal, normals=np.repeat(nominal.normals, count, axis=0))
-        own = states[number.ravel()], manoeuvres.repeated(count), tolerance, nominal, self.interface
-        return largest_manoeuvres(self.robot, *own).at_worst(times[number])
+        sample = states[number.ravel()], manoeuvres.repeated(count), tolerance, nominal, self.interface
+        return largest_manoeuvres(self.robot, *sample).at_worst(times[number])
 
     @cached_property
     def _states(self) -> tuple[np.ndarray, np.ndarray]:
@@ -235,7 +235,7 @@ class DriveEnvelope(SavedFolder):
     def _around(self) -> np.ndarray:
         """(D,) largest accelerations in the directions that base and objects allow."""
         count, every = len(self.angles), (self, *self.objects.values())
-        return np.min([own.worst.largest[:count] for own in every], axis=0)
+        return np.min([envelope.worst.largest[:count] for envelope in every], axis=0)
 
     @property
     def worst_direction_words(self) -> str:
@@ -263,7 +263,7 @@ class DriveEnvelope(SavedFolder):
         """The limit of a manoeuvre by base and objects, within the uncertainty; None where nothing limits."""
         k = [one.key for one in self.manoeuvres].index(key)
         every = (self, *self.objects.values())
-        least = min(float(own.worst.largest[len(self.angles) + k]) for own in every)
+        least = min(float(envelope.worst.largest[len(self.angles) + k]) for envelope in every)
         return self.manoeuvres[k].value(least)
 
     @property
@@ -295,7 +295,10 @@ class DriveEnvelope(SavedFolder):
             accelerations = ahead, {swing * side, -swing * side}, (swing * start, -swing * start)
             velocities = speeds, {sideways, -sideways}, (turn, -turn)
             corners = Manoeuvres.corners(accelerations, velocities, self.robot.support.gravity)
-            every = [own._largest(corners, self.counting).largest for own in (self, *self.objects.values())]
+            every = [
+                envelope._largest(corners, self.counting).largest
+                for envelope in (self, *self.objects.values())
+            ]
             return min(1.0, float(np.min(every)))
 
         most = share((forward + step, -brake - step), (speed,))
@@ -308,7 +311,7 @@ class DriveEnvelope(SavedFolder):
         }
 
     def _capped(self, key: str) -> float:
-        return LARGEST if (found := self.limit(key)) is None else found
+        return LARGEST if (result := self.limit(key)) is None else result
 
     @property
     def ground(self) -> str:
@@ -371,17 +374,17 @@ class DriveEnvelope(SavedFolder):
 
     def _limits(self, k: int, one: Manoeuvre) -> dict[str, Any]:
         data: dict[str, Any] = {}
-        for name, found in (("nominal", self.nominal), ("within", self.within)):
-            if found is not None:
-                known = bool(np.isfinite(found.lift[k]))
-                when = {} if found.times is None else {"time_s": float(found.times[k])}
+        for name, result in (("nominal", self.nominal), ("within", self.within)):
+            if result is not None:
+                known = bool(np.isfinite(result.lift[k]))
+                when = {} if result.times is None else {"time_s": float(result.times[k])}
                 data[name] = {
                     **when,
-                    "largest": one.value(float(found.largest[k])),
-                    "tips_at": one.value(float(found.tip[k])),
-                    "first_wheel_lifts_at": one.value(float(found.lift[k])) if known else None,
-                    "slips_at": one.value(float(found.slip[k])) if found.slip[k] < found.tip[k] else None,
-                    "tips_about_contacts": found.contacts[k].tolist() if found.contacts[k].any() else None,
+                    "largest": one.value(float(result.largest[k])),
+                    "tips_at": one.value(float(result.tip[k])),
+                    "first_wheel_lifts_at": one.value(float(result.lift[k])) if known else None,
+                    "slips_at": one.value(float(result.slip[k])) if result.slip[k] < result.tip[k] else None,
+                    "tips_about_contacts": result.contacts[k].tolist() if result.contacts[k].any() else None,
                 }
         return data
 
@@ -402,7 +405,7 @@ class DriveEnvelope(SavedFolder):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of drive.json; see docs/how-to/drive-envelope.md."""
-        given, objects = self.given, {name: own.limits for name, own in self.objects.items()}
+        given, objects = self.given, {name: carried.limits for name, carried in self.objects.items()}
         return {
             "posture": self.name,
             **({"choice": self.choice} if self.choice else {}),
@@ -431,13 +434,13 @@ class DriveEnvelope(SavedFolder):
         cases = ["nominal", *(["within"] if self.within else [])]
         values = [(case, name) for case in cases for name in ("largest", "tips_at", "slips_at")]
         rows.writerow(["manoeuvre", "direction_deg", "unit", *map("_".join, values), *of_object])
-        for name, own in {"": self, **self.objects}.items():
-            limits = own.limits
+        for name, envelope in {"": self, **self.objects}.items():
+            limits = envelope.limits
             around = [("direction", one) for one in limits["directions"]]
             for key, one in (*around, *limits["manoeuvres"].items()):
-                found = [one[case][value] for case, value in values]
+                results = [one[case][value] for case, value in values]
                 about = key, one.get("direction_deg"), one["unit"]
-                rows.writerow([*about, *found, *[name for _ in of_object]])
+                rows.writerow([*about, *results, *[name for _ in of_object]])
         return stream.getvalue()
 
     def to_yaml(self) -> str:
@@ -459,10 +462,10 @@ class DriveEnvelope(SavedFolder):
 
     def contents(self, figures: bool) -> dict[str, bytes]:
         """drive.csv, nav2.yaml and drive.png."""
-        found = {"drive.csv": self.to_csv().encode(), "nav2.yaml": self.to_yaml().encode()}
+        files = {"drive.csv": self.to_csv().encode(), "nav2.yaml": self.to_yaml().encode()}
         if figures:
             feet = np.array([contact.position for contact in self.robot.support.contacts])
-            objects = {name: own.worst for name, own in self.objects.items()}
+            objects = {name: carried.worst for name, carried in self.objects.items()}
             about = self.name, self.scope, self.angles, self.nominal, self.within
-            found["drive.png"] = png(envelope_figure(*about, feet, objects))
-        return found
+            files["drive.png"] = png(envelope_figure(*about, feet, objects))
+        return files

@@ -110,7 +110,10 @@ class Plan(CheckedMotion):
             planned, executions = better_smoothed(planned, executions, proved, budget)
         motion = run_by(planned, executions)
         checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
-        executions = [replace(run, check=own) for run, own in zip(executions, checked.segments, strict=True)]
+        executions = [
+            replace(run, check=segment_check)
+            for run, segment_check in zip(executions, checked.segments, strict=True)
+        ]
         say("checking stops and cancels ...")
         stops, cancels = dict[str, Stops](), dict[str, SafeDecelerations]()
         if any(segment.task.limits.stoppable for segment in task.segments):
@@ -122,7 +125,9 @@ class Plan(CheckedMotion):
             (),
             "time scales" * bool(time_scale),
         )
-        if STOPS not in budget.left_out and not any(own.decelerations for own in stops.values()):
+        if STOPS not in budget.left_out and not any(
+            segment_check.decelerations for segment_check in stops.values()
+        ):
             compute = partial(cancels_by_segment, task, motion)
             cancels = budget.within(compute, cancels, "safe decelerations of cancels")
         changes: tuple[Sensitivity, ...] = ()
@@ -244,8 +249,8 @@ def sensitivities_of(task: MotionTask, motion: Trajectory) -> tuple[Sensitivity,
     def worst(robot: StandingMechanism, speed: float) -> Reserves:
         counts = tolerance.heavier(robot.support.mass - task.robot.support.mass)
         faster = motion.time_scaled(1 / speed)
-        found = worst_contacts(WorstCase(robot, counts), faster, times / speed)
-        tip, slip, force = found["tip"], found["slip"], found["alike"] or found["foot_force"]
+        result = worst_contacts(WorstCase(robot, counts), faster, times / speed)
+        tip, slip, force = result["tip"], result["slip"], result["alike"] or result["foot_force"]
         least, reference = force.value if force else np.nan, robot.tip_over.reference_moment
         return Reserves.of(tip.value if tip else 0.0, slip.value, least, reference, slip.factor)
 

@@ -219,12 +219,12 @@ class Standing:
         """The forces of compliant feet; None for rigid ones, or where the base does not rest."""
         elastic = self.scene.support.elastic
         shared = elastic.share(self.states.wrenches) if elastic and self.state.persistent else None
-        return shared if shared and shared.found[0] else None
+        return shared if shared and shared.balanced[0] else None
 
     @property
     def stable(self) -> bool:
         """True if base and objects are stable, also within the uncertainty where there is one."""
-        return self.stable_itself and all(own.stable_itself for own in self.objects)
+        return self.stable_itself and all(carried.stable_itself for carried in self.objects)
 
     @property
     def stable_itself(self) -> bool:
@@ -238,9 +238,12 @@ class Standing:
         In the worst case where all have one, else in the nominal model.
         """
         every = (self, *self.objects)
-        if all(own.within for own in every):
-            return max(every, key=lambda own: max(own.within.GN, own.within.GT) if own.within else 0.0)
-        return max(every, key=lambda own: max(own.tip.GN[0], own.slip.GT[0]))
+        if all(footing.within for footing in every):
+            return max(
+                every,
+                key=lambda footing: max(footing.within.GN, footing.within.GT) if footing.within else 0.0,
+            )
+        return max(every, key=lambda footing: max(footing.tip.GN[0], footing.slip.GT[0]))
 
     @property
     def nominally_stable(self) -> bool:
@@ -309,7 +312,7 @@ class Standing:
         rolls = bool(pressing.any()) and not np.any(pressing & rough)
         why = "How rigid contacts share the load is open. "
         if rolls:
-            who, others = (_contact_names(np.flatnonzero(own) + 1) for own in (~rough, rough))
+            who, others = (_contact_names(np.flatnonzero(indices) + 1) for indices in (~rough, rough))
             why = f"{who} have no friction and may carry all load; then {others.lower()} hold nothing. {why}"
         return f"{why}`stiffness` of every contact decides."
 
@@ -319,12 +322,12 @@ class Standing:
         if self.equal is None:
             return ""
         lifted = np.flatnonzero(self.equal.lifts[0]) + 1
-        found = [f"contact {k} lifts" for k in lifted]
+        results = [f"contact {k} lifts" for k in lifted]
         if not self.equal.stands[0]:
             used = self.equal.usage[0]
             most = f" (contact {np.nanargmax(used) + 1} would need {percent(np.nanmax(used))} of it)"
-            found += [f"the friction is not enough{most if np.isfinite(used).any() else ''}"]
-        return f"with equally compliant feet {' and '.join(found)}" if found else ""
+            results += [f"the friction is not enough{most if np.isfinite(used).any() else ''}"]
+        return f"with equally compliant feet {' and '.join(results)}" if results else ""
 
     @property
     def without_reserve(self) -> str:
@@ -403,19 +406,19 @@ class Standing:
         if not self.objects:
             return {}
         objects = {
-            own.scene.name: {
-                "stable": own.stable_itself,
-                "stability": own.verdict.verdict,
-                **({"within": own.within.to_dict()} if own.within else {}),
-                "GN": own.tip.GN[0],
-                "GT": own.slip.GT[0],
-                "tipping_axis": own.nearest_axis,
-                "modes": own.state.modes,
-                "normal_forces": own.normal_forces,
-                "friction_used": own.friction_used,
-                "wrench": own.scene.wrench,
+            carried.scene.name: {
+                "stable": carried.stable_itself,
+                "stability": carried.verdict.verdict,
+                **({"within": carried.within.to_dict()} if carried.within else {}),
+                "GN": carried.tip.GN[0],
+                "GT": carried.slip.GT[0],
+                "tipping_axis": carried.nearest_axis,
+                "modes": carried.state.modes,
+                "normal_forces": carried.normal_forces,
+                "friction_used": carried.friction_used,
+                "wrench": carried.scene.wrench,
             }
-            for own in self.objects
+            for carried in self.objects
         }
         critical = "base" if self.critical is self else self.critical.scene.name
         return {"stable": self.stable, "objects": objects, "critical": critical}

@@ -34,64 +34,69 @@ def run(options: Namespace) -> CompareReport:
         check_plot_target(options.plot)
     same = taken(options, "plan recording unit topics same_clock")
     level = LEVEL if options.level is None else options.level
-    found = compare(**same, columns=read_columns(options.columns), level=level)
-    return CompareReport(found, options.plot, yes=found.agrees)
+    result = compare(**same, columns=read_columns(options.columns), level=level)
+    return CompareReport(result, options.plot, yes=result.agrees)
 
 
 @dataclass
 class CompareReport(ResultReport):
     """The report of a comparison."""
 
-    found: PlanComparison
+    result: PlanComparison
 
     def to_text(self) -> str:
         """Findings, then the table of signals."""
-        found = self.found.found
-        count = len(found.findings)
+        result = self.result.comparison
+        count = len(result.findings)
         verdict = f"{count} finding{'s' if count > 1 else ''}" if count else "AGREES with what was described"
-        chance = f"by chance: {percent(found.level) if found.level >= 0.01 else f'{100 * found.level:g} %'}"
-        head = f"{self.found.name}: {verdict} (any finding {chance})."
-        rows = under("found", map(_finding_text, found.findings))
+        chance = (
+            f"by chance: {percent(result.level) if result.level >= 0.01 else f'{100 * result.level:g} %'}"
+        )
+        head = f"{self.result.name}: {verdict} (any finding {chance})."
+        rows = under("found", map(_finding_text, result.findings))
         rows += self._about()
         return "\n".join([head, "", *self._table(), "", *named(rows)])
 
     def _about(self) -> list[tuple[str, str]]:
-        found = self.found.found
-        span = found.times[-1] - found.times[0]
-        error = f" +- {1e3 * found.clock_error:.2g} ms" if math.isfinite(found.clock_error) else ""
+        result = self.result.comparison
+        span = result.times[-1] - result.times[0]
+        error = f" +- {1e3 * result.clock_error:.2g} ms" if math.isfinite(result.clock_error) else ""
         rows = [
-            ("recording", f"{span:.4g} s, a sample every {1e3 * self.found.recording.period:.4g} ms"
-             + (f" (every {found.thinned}th of the file)" if found.thinned > 1 else "")),
-            ("clock", f"the motion begins at {found.clock:.6g} s of the recording{error}"),
+            ("recording", f"{span:.4g} s, a sample every {1e3 * self.result.recording.period:.4g} ms"
+             + (f" (every {result.thinned}th of the file)" if result.thinned > 1 else "")),
+            ("clock", f"the motion begins at {result.clock:.6g} s of the recording{error}"),
         ]  # fmt: skip
-        rows += under("time bases", self.found.recording.rates)
-        if found.gripper is not None:
-            at = int(np.nanargmax(found.gripper))
+        rows += under("time bases", self.result.recording.rates)
+        if result.gripper is not None:
+            index = int(np.nanargmax(result.gripper))
             rows.append(
-                ("gripper", f"at most {1e3 * found.gripper[at]:.3g} mm off, at {found.times[at]:.3f} s")
+                (
+                    "gripper",
+                    f"at most {1e3 * result.gripper[index]:.3g} mm off, at {result.times[index]:.3f} s",
+                )
             )
-        if found.energy is not None:
-            measured, predicted = found.energy
+        if result.energy is not None:
+            measured, predicted = result.energy
             more = 100 * (measured / predicted - 1) if predicted else float("nan")
             rows.append(("energy", f"{measured:.4g} J measured, {predicted:.4g} J predicted ({more:+.2g} %)"))
-        if (base := found.base) is not None:
+        if (base := result.base) is not None:
             rows.append(("base", _base_text(base.names, base.changes, base.intervals, base.peaks)))
             if base.contacts.size:
                 rows.append(
                     ("", f"contacts shifted by at most {1e3 * base.contacts.max():.3g} mm at any time")
                 )
-        if found.contact_losses:
-            rows.append(("contacts", losses_text(found.contact_losses)))
-        if found.unrecorded:
-            rows.append(("not recorded", some([_WORDS[kind] for kind in found.unrecorded], 8)))
-        if found.unknown:
-            rows.append(("left out", f"columns {some(found.unknown)}"))
+        if result.contact_losses:
+            rows.append(("contacts", losses_text(result.contact_losses)))
+        if result.unrecorded:
+            rows.append(("not recorded", some([_WORDS[kind] for kind in result.unrecorded], 8)))
+        if result.unknown:
+            rows.append(("left out", f"columns {some(result.unknown)}"))
         return rows
 
     def _table(self) -> list[str]:
         rows = [["signal", "", "largest", "at", "rms", "of range", "noise", "unexplained", "delay"]]
-        for one in self.found.found.signals:
-            unit, scale = unit_of(self.found.predictor, one.kind, one.index)
+        for one in self.result.comparison.signals:
+            unit, scale = unit_of(self.result.predictor, one.kind, one.index)
             cells = [
                 f"{scale * x:.3g}" if math.isfinite(x) else "-"
                 for x in (one.largest, one.rms, one.noise, one.left)

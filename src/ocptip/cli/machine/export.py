@@ -17,21 +17,21 @@ def run(options: Namespace) -> ExportReport:
     """Make the models."""
     if options.mjcf is None and options.urdf is None:
         raise InputError("export: name a file, --mjcf FILE or --urdf FILE")
-    found = export(options.plan, mjcf=options.mjcf, urdf=options.urdf, overwrite=options.overwrite)
-    return ExportReport(found)
+    exported = export(options.plan, mjcf=options.mjcf, urdf=options.urdf, overwrite=options.overwrite)
+    return ExportReport(exported)
 
 
 @dataclass
 class ExportReport(ResultReport):
     """The report on exported models."""
 
-    found: Exported
+    result: Exported
 
     def to_text(self) -> str:
         """The written files and the remarks."""
-        rows = under("written", self.written) + under("note", self.found.remarks)
-        return "\n".join([f"{self.found.name}: exported.", *named(rows)])
+        rows = under("written", self.written) + under("note", self.result.remarks)
+        return "\n".join([f"{self.result.name}: exported.", *named(rows)])
 
     def write(self) -> Iterator[Path]:
         """The files."""
-        yield from self.found.write()
+        yield from self.result.write()

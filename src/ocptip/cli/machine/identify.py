@@ -43,22 +43,26 @@ def run(options: Namespace) -> Report:
         return ExcitationReport(motion_for_identification(options.recording, seed=options.seed), options.out)
     with naming_options("bandwidth"):
         same = taken(options, "recording plan what task unit topics tared sigmas bandwidth")
-        found = identify(**same, columns=read_columns(options.columns))
-    return IdentifyReport(found, options.out)
+        identification = identify(**same, columns=read_columns(options.columns))
+    return IdentifyReport(identification, options.out)
 
 
-def _lines(found: Identification) -> Rows:
+def _lines(identification: Identification) -> Rows:
     """Values with their intervals."""
-    if found.what == "power":
-        return _of_power(found)
-    return _of_links(found) if found.what == "arm" else _of_bodies(found)
+    if identification.what == "power":
+        return _of_power(identification)
+    return _of_links(identification) if identification.what == "arm" else _of_bodies(identification)
 
 
-def _of_power(found: Identification) -> Rows:
+def _of_power(identification: Identification) -> Rows:
     """Maps of all drives; with a plan, whether its motion goes beyond what was measured."""
-    lines = [row for j, own in enumerate(found.source, 1) for row in under(f"joint {j}", _map_lines(own))]
-    if found.predictor is not None:
-        shares = enumerate(beyond_samples(found.source, found.predictor), 1)
+    lines = [
+        row
+        for j, power_map in enumerate(identification.source, 1)
+        for row in under(f"joint {j}", _map_lines(power_map))
+    ]
+    if identification.predictor is not None:
+        shares = enumerate(beyond_samples(identification.source, identification.predictor), 1)
         beyond = [
             f"joint {j}: {percent(x)} of the plan's motion is beyond the samples" for j, x in shares if x
         ]
@@ -66,59 +70,59 @@ def _of_power(found: Identification) -> Rows:
     return lines
 
 
-def _map_lines(own: PowerMap) -> list[str]:
-    (low, high), (slow, fast) = own.torque, np.degrees(own.speed)
-    inside = own.error(own.hull[:, 0], own.hull[:, 1])
+def _map_lines(power: PowerMap) -> list[str]:
+    (low, high), (slow, fast) = power.torque, np.degrees(power.speed)
+    inside = power.error(power.hull[:, 0], power.hull[:, 1])
     return [
-        f"{own.count} samples, {low:.3g} to {high:.3g} N m (torque of the drive, speed taken as positive), "
-        f"{slow:.3g} to {fast:.3g} deg/s, {percent(own.covered)} of that rectangle",
-        f"left over {own.noise:.3g} W rms, {own.largest:.3g} W at most; error of the map at most "
+        f"{power.count} samples, {low:.3g} to {high:.3g} N m (torque of the drive, speed taken as positive), "
+        f"{slow:.3g} to {fast:.3g} deg/s, {percent(power.covered)} of that rectangle",
+        f"left over {power.noise:.3g} W rms, {power.largest:.3g} W at most; error of the map at most "
         f"{_TWO_SIDED * inside.max():.2g} W (95 %) at the corners of what was measured",
     ]
 
 
 def _of_bodies(identified: Identification) -> Rows:
-    found = identified.source
-    lines = [row for body in found.bodies for row in under(body.name, _body_lines(body))]
-    what = "normal forces of the contacts" if found.source == FOOT else "force-torque sensor"
-    late = 1e3 * found.estimate.delays[found.source]
-    left = found.estimate.residuals[found.source]
+    source = identified.source
+    lines = [row for body in source.bodies for row in under(body.name, _body_lines(body))]
+    what = "normal forces of the contacts" if source.source == FOOT else "force-torque sensor"
+    late = 1e3 * source.estimate.delays[source.source]
+    left = source.estimate.residuals[source.source]
     lines.append(("from", f"{what}, {late:.2g} ms after the joints; rms of what is left {left:.3g}"))
-    lines += _filters(found.estimate)
+    lines += _filters(source.estimate)
     return [*lines, ("tolerance", f"+-{identified.sigmas:g} standard errors on both sides")]
 
 
 def _of_links(identified: Identification) -> Rows:
-    found, recording, predictor = identified.source, identified.recording, identified.predictor
+    source, recording, predictor = identified.source, identified.recording, identified.predictor
     assert recording is not None
     assert predictor is not None
-    own, robot, p = found.estimate, predictor.robot, len(found.names)
-    unseen = [name for name, seen in zip(found.names, own.seen, strict=False) if not seen]
+    fit, robot, p = source.estimate, predictor.robot, len(source.names)
+    unseen = [name for name, seen in zip(source.names, fit.seen, strict=False) if not seen]
     changed = [
         f"{name}: {with_error(value, half, _unit(name))}, described {described:.4g}"
         for name, value, half, described in zip(
-            found.names, own.values, own.half, found.described, strict=False
+            source.names, fit.values, fit.half, source.described, strict=False
         )
         if abs(value - described) > half
     ]
     friction = []
     for j, (name, unit) in enumerate(zip(robot.names, robot.motor_units, strict=True)):
         parts = [
-            f"{word} {with_error(own.values[k], own.half[k], unit + per)}"
+            f"{word} {with_error(fit.values[k], fit.half[k], unit + per)}"
             for word, k, per in (("dry", p + j, ""), ("viscous", p + robot.n + j, f" s/{robot.units[j]}"))
-            if own.seen[k]
+            if fit.seen[k]
         ]
         friction.append(f"{name}: {', '.join(parts) or 'not seen'}")
-    masses = zip(found.arm.chain_names, found.arm.masses, robot.arm.masses, strict=True)
+    masses = zip(source.arm.chain_names, source.arm.masses, robot.arm.masses, strict=True)
     lines = [
-        ("base parameters", f"{int(own.seen[:p].sum())} of {p} identified (condition {found.condition:.0f})"),
+        ("base parameters", f"{fit.seen[:p].sum()} of {p} identified (condition {source.condition:.0f})"),
         *under("changed", changed or ["none by more than its 95 % interval"]),
         *under("not seen", unseen),
         *under("friction", friction),
         ("links", ", ".join(f"{name} {new:.4g} kg (described {old:.4g})" for name, new, old in masses)),
-        ("", f"next to what was described; base parameters moved by {found.moved:.2g} standard errors"),
-        *under("rms left", _left(found, recording)),
-        *_filters(own),
+        ("", f"next to what was described; base parameters moved by {source.moved:.2g} standard errors"),
+        *under("rms left", _left(source, recording)),
+        *_filters(fit),
     ]  # fmt: skip
     text = "none: torques do not tell the wrench on the base"
     if "tolerance" in identified.tables:
@@ -128,17 +132,20 @@ def _of_links(identified: Identification) -> Rows:
     return [*lines, ("tolerance", text)]
 
 
-def _filters(found: Estimate) -> Rows:
+def _filters(estimate: Estimate) -> Rows:
     """The low-pass filters that were identified."""
-    low_passes = found.low_passes.items()
-    return [("filter", f"{kind}: {own}; compared up to {own.band:.3g} Hz") for kind, own in low_passes]
+    low_passes = estimate.low_passes.items()
+    return [
+        ("filter", f"{kind}: {low_pass}; compared up to {low_pass.band:.3g} Hz")
+        for kind, low_pass in low_passes
+    ]
 
 
-def _left(found: Identified, recording: Recording) -> list[str]:
+def _left(identified: Identified, recording: Recording) -> list[str]:
     """The residual of each signal, rms, and that of plain least squares."""
     return [
         f"{recording.of(kind)[number].name} {rms:.3g} (plain least squares {plain:.3g})"
-        for kind, number, rms, plain in found.estimate.signals
+        for kind, number, rms, plain in identified.estimate.signals
     ]
 
 
@@ -161,28 +168,28 @@ def _body_lines(body: IdentifiedBody) -> list[str]:
 class ExcitationReport(ResultReport):
     """The report of a motion for identification."""
 
-    found: ExcitingMotion
+    result: ExcitingMotion
 
     def to_text(self) -> str:
         """The motion and its condition number in words."""
-        found = self.found.found
-        least = f"{found.condition:.0f} of the regressor of base parameters and friction"
+        result = self.result.excitation
+        least = f"{result.condition:.0f} of the regressor of base parameters and friction"
         rows = [
-            ("condition", f"{least} (median of random motions that keep the limits: {found.random:.0f})"),
-            ("made", f"{found.slower:g} times slower and {found.smaller:g} as large, as the check demands"),
+            ("condition", f"{least} (median of random motions that keep the limits: {result.random:.0f})"),
+            ("made", f"{result.slower:g} times slower and {result.smaller:g} as large, as the check demands"),
             *under("written", self.written),
         ]
-        title = f"{self.found.name}   {found.check.headline}"
-        return "\n".join([title, motion_line(found.check), *named(rows)])
+        title = f"{self.result.name}   {result.check.headline}"
+        return "\n".join([title, motion_line(result.check), *named(rows)])
 
 
 @dataclass
 class IdentifyReport(ResultReport):
     """The report of an identification."""
 
-    found: Identification
+    result: Identification
 
     def to_text(self) -> str:
         """Values with their intervals."""
-        rows, found = [*_lines(self.found), *under("written", self.written)], self.found
-        return "\n".join([f"{found.what}: identified. Tables: {some(list(found.tables))}.", *named(rows)])
+        rows, result = [*_lines(self.result), *under("written", self.written)], self.result
+        return "\n".join([f"{result.what}: identified. Tables: {some(list(result.tables))}.", *named(rows)])

@@ -49,7 +49,7 @@ def run(options: Namespace) -> Report:
         require_replaceable(directory / PLAN_FOLDER, "plan", further, overwrite=options.overwrite)
     say = partial(print, file=sys.stderr)
     try:
-        found = place_for_cycle(
+        cycle_placements = place_for_cycle(
             cell.problem,
             lambda placement: cast(CycleTask, load_task(cell.placed(placement), **least)),
             candidates=options.places,
@@ -65,11 +65,11 @@ def run(options: Namespace) -> Report:
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a result") from None
     best = None
-    if found.best.plan is not None and found.best.verified:
-        plan, folder = found.best.plan, directory / PLAN_FOLDER
+    if cycle_placements.best.plan is not None and cycle_placements.best.verified:
+        plan, folder = cycle_placements.best.plan, directory / PLAN_FOLDER
         digest = digest_of(plan.task.source, options)
         best = PlanReport(Plan.of(plan), folder, not options.no_figures, digest=digest)
-    return CellReport(cell, found, best, directory, not options.no_figures)
+    return CellReport(cell, cycle_placements, best, directory, not options.no_figures)
 
 
 @dataclass
@@ -86,7 +86,7 @@ class CellReport(Report):
 
     early = True
     cell: CellTask
-    found: CyclePlacements
+    result: CyclePlacements
     best: PlanReport | None
     directory: Path
     figures: bool = True
@@ -103,10 +103,10 @@ class CellReport(Report):
             "verified": self.good,
             "objective": self.cell.cycle.objective.to_dict(),
             "tolerance": self.cell.tolerance.to_table(),
-            "places": [one.to_dict() for one in self.found.ranked],
+            "places": [one.to_dict() for one in self.result.ranked],
             "plan": f"{PLAN_FOLDER}/plan.json" if self.best else None,
-            "seed": self.found.static.seed,
-            "seconds_static": self.found.static.seconds,
+            "seed": self.result.static.seed,
+            "seconds_static": self.result.static.seconds,
             "warnings": self.warnings,
             "versions": versions(),
         }
@@ -124,22 +124,22 @@ class CellReport(Report):
         remove_figures(self.directory, "cell")
         if self.figures:
             yield from pictures.placement.draw_places(
-                self.directory, self._title(), [p.placement for p in self.found.ranked]
+                self.directory, self._title(), [p.placement for p in self.result.ranked]
             )
         if self.best:
             yield from self.best.write()
 
     def _title(self) -> str:
-        best = self.found.best
+        best = self.result.best
         if best.plan is None or self.best is None:
             return f"{self.cell.name}: no verified cycle"
         return f"{self.cell.name}: {best.plan.energy:.1f} J in {best.plan.duration:.3f} s at the best place"
 
     def to_text(self) -> str:
         """The ranked places, then what `plan` says of the best one."""
-        head = "\n".join([self._title(), "", *_table(self.found.ranked), ""])
+        head = "\n".join([self._title(), "", *_table(self.result.ranked), ""])
         lines = under(
-            "refused", [f"place {k}: {p.refusal}" for k, p in enumerate(self.found.ranked, 1) if p.refusal]
+            "refused", [f"place {k}: {p.refusal}" for k, p in enumerate(self.result.ranked, 1) if p.refusal]
         )
         lines.append(("tolerance", str(self.cell.tolerance)))
         if self.cell.problem.tolerance.given:

@@ -53,10 +53,10 @@ def placed(one: Asked, options: Namespace, _: Executor | None = None) -> Report:
     """Place one task; where there is no placement, the report says why."""
     try:
         with progress_bar(sys.stderr) as progress:
-            found = place(one.task, starts=options.starts, seed=options.seed, progress=progress)
+            result = place(one.task, starts=options.starts, seed=options.seed, progress=progress)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a result") from None
-    return PlaceReport(found, one.directory, not options.no_figures, yes=found.verified)
+    return PlaceReport(result, one.directory, not options.no_figures, yes=result.verified)
 
 
 def progress_bar(stream: TextIO) -> Progress:
@@ -72,7 +72,7 @@ class PlaceReport(FolderReport):
     """The report of `ocptip place` on placements, or the reason why there are none."""
 
     early = True
-    found: Placed
+    result: Placed
 
     def write(self) -> Iterator[Path]:
         """Write placement.json and figures."""
@@ -81,7 +81,7 @@ class PlaceReport(FolderReport):
 
     def to_text(self) -> str:
         """The best place, or the one of minimum violation and which constraints it breaks."""
-        answer, shown, within = self.found.answer, self.found.best, self.found.within
+        answer, shown, within = self.result.answer, self.result.best, self.result.within
         head, lines = _found(answer) if isinstance(answer, PlacementResult) else refusal_lines(answer)
         if within:
             if not within.stands:
@@ -89,11 +89,11 @@ class PlaceReport(FolderReport):
             else:
                 head = head.replace("PLACED", f"PLACED for {within.scope}", 1)
             lines += under("uncertainty", within.lines(shown.problem.robot.tip_over.reference_moment))
-            if self.found.dropped and within.stands:
-                lines.append(("", f"{self.found.dropped} better ones or alternatives are not robust enough"))
+            if self.result.dropped and within.stands:
+                lines.append(("", f"{self.result.dropped} better ones or alternatives are not robust enough"))
         lines.append(("masses", masses(shown.problem.robot)))
         lines += [("assumed", note) for note in shown.problem.robot.notes]
-        return summary(f"{self.found.name}   {head}", lines, self.written)
+        return summary(f"{self.result.name}   {head}", lines, self.written)
 
 
 def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:

@@ -76,18 +76,18 @@ class PlanReport(GatedReport):
         more = [self._interrupted()] if motion.interrupted else []
         more += [f"not done, the time was up: {', '.join(plan.left_out)}"] if plan.left_out else []
         parts = zip(plan.task.segments, motion.parts, strict=False)
-        more += [f"{_path(own)}{_of(s.name)}" for s, own in parts if "path" in own.options]
+        more += [f"{_path(item)}{_of(s.name)}" for s, item in parts if "path" in item.options]
         more += [] if all(run.controller == "ramps" for run in plan.executions) else [self._controller()]
         pairs = zip(plan.task.segments, plan.executions, strict=False)
         more += [f"{run.trajectory_text}{_of(s.name)}" for s, run in pairs if run.trajectory_text]
         more += price_line(plan.price)
         more += [f"trajectory and margins over time are in the bag {self.bag}"] if self.bag else []
-        details = [*self.found(), *check_rows(plan.check, plan.robustness)] if self.verbose else []
+        details = [*self.details(), *check_rows(plan.check, plan.robustness)] if self.verbose else []
         if self.verbose:
             details += (
                 gear_rows(plan.checked) if plan.task.is_cycle else [("masses", masses(plan.task.robot))]
             )
-        scaled = [(factor, own.whole) for factor, own in plan.time_scale]
+        scaled = [(factor, item.whole) for factor, item in plan.time_scale]
         known = {"scaled": scaled, "more": more, "details": details, "cancels": plan.cancels}
         required = required_lines(self.outcomes)
         return motion_text(plan, self.head(), **known, required=required, written=self.written)
@@ -110,7 +110,7 @@ class PlanReport(GatedReport):
             return "LIMITS BROKEN in trajectory.json"
         return self.plan.headline
 
-    def found(self) -> list[tuple[str, str]]:
+    def details(self) -> list[tuple[str, str]]:
         """Details of the search for the motions."""
         plan = self.plan.planned
         lines = [("starts", self._starts())] if plan.starts else []
@@ -189,9 +189,9 @@ def _freed_texts(plan: MotionPlan) -> Iterator[str]:
     if not plan.parts:
         return
     motions = [part.motion for part in plan.parts]
-    postures = [motions[0].start, *(own.goal for own in motions)]
+    postures = [motions[0].start, *(motion.goal for motion in motions)]
     for (name, _, target), q in zip(cast(CycleTask, plan.task).ends, postures, strict=False):
-        for axis, own in freed_offset(target, plan.task.robot, q).items():
+        for axis, motion in freed_offset(target, plan.task.robot, q).items():
             assert target is not None
             low, high = 1e3 * target.free[AXES.index(axis)]
-            yield f"{axis} {1e3 * own:+.4g} mm ({low:g} to {high:g}), {name}"
+            yield f"{axis} {1e3 * motion:+.4g} mm ({low:g} to {high:g}), {name}"

@@ -65,20 +65,20 @@ class RetimeReport(PlanReport):
     def head(self) -> list[str]:
         """Name and verdict; duration beside that of the given motion, energy."""
         timings, checked = self.timings, self.plan.check
-        before = [own.before.duration for own in timings if own.before]
+        before = [timing.before.duration for timing in timings if timing.before]
         given = f", as given {sum(before):.3f} s" if len(before) == len(timings) else ""
         kind = _WORDS[timings[0].task.objective.name]
         motion = f"Motion  {checked.duration:.3f} s ({kind}{given})   {quantity(checked.energy, 'J')}"
-        paths = wrapped("Path", [text for title, text in self.found() if title == "path"])
-        slowed = wrapped("Slowed", [text for own in timings if (text := slowed_text(own))])
+        paths = wrapped("Path", [text for title, text in self.details() if title == "path"])
+        slowed = wrapped("Slowed", [text for timing in timings if (text := slowed_text(timing))])
         return [self.headline, motion, *paths, *slowed]
 
-    def found(self) -> list[tuple[str, str]]:
+    def details(self) -> list[tuple[str, str]]:
         """The path of each segment, what it was, and what decides its timing."""
         pairs = zip(self.plan.task.segments, self.timings, strict=True)
         of = {s.name: f" (segment {s.name})" if self.plan.task.is_cycle else "" for s, _ in pairs}
         pairs = zip(of.values(), self.timings, strict=True)
-        return [(title, f"{text}{name}") for name, own in pairs for title, text in _rows(own)]
+        return [(title, f"{text}{name}") for name, item in pairs for title, text in _rows(item)]
 
 
 def slowed_text(timing: Timing) -> str:
@@ -96,19 +96,19 @@ def slowed_text(timing: Timing) -> str:
 
 def _rows(timing: Timing) -> list[tuple[str, str]]:
     """The path, what it was, and what decides its timing."""
-    found = [("path", _path_text(timing)), ("timing", _timing_text(timing))]
+    rows = [("path", _path_text(timing)), ("timing", _timing_text(timing))]
     if timing.before is not None:
         verdict = (
             f"; {'; '.join(broken_words(timing.task.robot, timing.before.violations))}"
             if timing.before.violations
             else ""
         )
-        found.append(("as given", f"{timing.before.duration:.3f} s, {timing.before.headline}{verdict}"))
+        rows.append(("as given", f"{timing.before.duration:.3f} s, {timing.before.headline}{verdict}"))
     if timing.task.reference is not None:
-        found += [("assumed", text) for text in timing.task.reference.assumed]
+        rows += [("assumed", text) for text in timing.task.reference.assumed]
     if timing.timed.later:
-        found.append(("only checked", f"{', '.join(timing.timed.later)}: the timing does not know them"))
-    return found
+        rows.append(("only checked", f"{', '.join(timing.timed.later)}: the timing does not know them"))
+    return rows
 
 
 def _path_text(timing: Timing) -> str:
@@ -133,20 +133,22 @@ def _off(units: np.ndarray, joints: np.ndarray, tool: np.ndarray) -> str:
         (joints[units == "m"], 1e3, 0.1, "mm"),
         (tool, 1e3, 0.1, "mm of the gripper"),
     )
-    values = [(max(scale * own.max(), least), unit) for own, scale, least, unit in groups if own.size]
+    values = [
+        (max(scale * offsets.max(), least), unit) for offsets, scale, least, unit in groups if offsets.size
+    ]
     return ", ".join(f"{value:{'.2g' if value < 99 else '.0f'}} {unit}" for value, unit in values)
 
 
 def _timing_text(timing: Timing) -> str:
     timed = timing.timed
     if timed.cheapest is not None:
-        own = timed.cheapest
+        cheapest = timed.cheapest
         unit = timing.task.objective.unit
         seconds = f"{timed.seconds:.2f} s to solve and check"
         if timing.task.objective.name == "time":
-            words = f"at least {own.lower_bound:.4g} s on these nodes"
+            words = f"at least {cheapest.lower_bound:.4g} s on these nodes"
             return f"{words}, {timed.fastest:.4g} s if no joint were delayed; {seconds}"
-        words = f"cost {own.cost:.4g} {unit}, at least {own.lower_bound:.4g} {unit} on these nodes"
+        words = f"cost {cheapest.cost:.4g} {unit}, at least {cheapest.lower_bound:.4g} {unit} on these nodes"
         return f"{words}; the fastest takes {timed.fastest:.3f} s; {seconds}"
     counts = {name: timed.active.count(name) for name in dict.fromkeys(timed.active) if name}
     shares = sorted(counts.items(), key=lambda item: -item[1])

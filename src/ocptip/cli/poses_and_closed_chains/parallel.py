@@ -217,18 +217,18 @@ class ParallelReport(Report):
 
 def targets(options: Namespace) -> dict[str, Path]:
     """Files that are asked for, by option; InputError before anything is computed if they cannot be."""
-    found = {}
+    results = {}
     for option in _SUFFIXES:
         if (path := getattr(options, option)) is None:
             continue
         try:
-            found[option] = file_target(path, _SUFFIXES[option])
+            results[option] = file_target(path, _SUFFIXES[option])
         except InputError as error:
             raise InputError(f"--{option}: {str(error).removeprefix('path: ')}") from None
-        if option in ("c", "matlab") and not found[option].stem.isidentifier():
+        if option in ("c", "matlab") and not results[option].stem.isidentifier():
             kind = _SUFFIXES[option][0]
             raise InputError(f"--{option}: expected a file NAME{kind} with NAME an identifier, got {path!r}")
-    return found
+    return results
 
 
 def examine(
@@ -275,8 +275,8 @@ def _functions(
     description = robot.description
     if robot.complete_legs:
         base = _base_parameters(description) if dynpar == 3 else None
-        own = {"form": form, "dynpar": 2 if dynpar == 3 and base is None else dynpar, "base": base}
-        functions = robot.lean(name="tau_a", **own), robot.lean(("J_a",), name="jacobian", **own)
+        options = {"form": form, "dynpar": 2 if dynpar == 3 and base is None else dynpar, "base": base}
+        functions = robot.lean(name="tau_a", **options), robot.lean(("J_a",), name="jacobian", **options)
         return functions, None if base is None else base.names
     functions = (
         lean_function(description, form=form, dynpar=dynpar, name=_FORCES[form]),
@@ -303,14 +303,14 @@ def with_ranges(description: RobotDescription, given: Sequence[Sequence[float]])
 def find_workspace(description: RobotDescription, options: Namespace) -> Workspace:
     """The grid that `--workspace NAME=LOW:HIGH ...`, `--at` and `--cells` ask for; degrees and m."""
     robot, ranges = ParallelRobot(description), grid_ranges(options.workspace)
-    at = None
+    indices = None
     if options.at is not None:
         names = description.platform.coordinates
         if len(options.at) != len(names):
             raise InputError(f"--at: expected {', '.join(names)}, got {len(options.at)} numbers")
-        at = np.where([name.startswith("phi") for name in names], np.radians(options.at), options.at)
+        indices = np.where([name.startswith("phi") for name in names], np.radians(options.at), options.at)
     with Progress(sys.stderr, "computing the poses ...", what="poses") as progress:
-        return workspace(robot, ranges, at=at, cells=options.cells, progress=progress)
+        return workspace(robot, ranges, at=indices, cells=options.cells, progress=progress)
 
 
 def grid_ranges(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -335,14 +335,14 @@ def size_of_grid(names: Sequence[str], size: float) -> str:
     return f"{what} {size:.4g} {unit}"
 
 
-def _workspace_lines(found: Workspace) -> list[str]:
-    cells = " x ".join(map(str, found.inside.shape))
-    shares = {name: f"{name} {100 * share:.1f} %" for name, share in found.shares.items() if share}
+def _workspace_lines(result: Workspace) -> list[str]:
+    cells = " x ".join(map(str, result.inside.shape))
+    shares = {name: f"{name} {100 * share:.1f} %" for name, share in result.shares.items() if share}
     if beyond := shares.pop("beyond a singularity", ""):
         shares["inside"] += f" ({beyond})"
-    size = size_of_grid(found.names, found.size)
-    lines = [f"workspace over {', '.join(found.names)}: {size} ({cells} cells)"]
-    inside = found.dexterity[found.inside]
+    size = size_of_grid(result.names, result.size)
+    lines = [f"workspace over {', '.join(result.names)}: {size} ({cells} cells)"]
+    inside = result.dexterity[result.inside]
     lines.append(f"  {', '.join(shares.values())}")
     if inside.size:
         lines.append(
@@ -364,20 +364,20 @@ def all_modes(description: RobotDescription, motors: Sequence[float]) -> Assembl
     return robot.assembly_modes([q[leg][joint] for leg, joint in description.actuated])
 
 
-def _mode_table(found: AssemblyModes, robot: RobotDescription) -> list[str]:
+def _mode_table(modes: AssemblyModes, robot: RobotDescription) -> list[str]:
     names = [*robot.platform.coordinates, *robot.platform.dependent_coordinates]
     turns = [name.startswith("phi") for name in names]
     heads = [f"{name} (deg)" if turn else f"{name} (m)" for name, turn in zip(names, turns, strict=True)]
     rows = [["mode", *heads, "signs of home"]]
-    for number, mode in enumerate(found.modes, start=1):
+    for number, mode in enumerate(modes.modes, start=1):
         values = np.where(turns, np.degrees(mode.z), mode.z)
         home = "-" if mode.home_branches is None else "yes" if mode.home_branches else "no"
         rows.append([str(number), *(f"{round(v, 4) + 0.0:.4f}" for v in values), home])
-    ends = f"{found.paths} paths: {found.regular} solutions, {found.at_infinity} at infinity"
-    lost = "" if found.complete else f", {found.singular} SINGULAR, MAYBE MORE MODES"
-    far = f"; {found.out_of_reach} real ones out of a leg's reach" if found.out_of_reach else ""
-    head = f"assembly modes: {len(found.modes)} ({ends}{lost}{far})"
-    return [head, *(table(rows, left=()) if found.modes else [])]
+    ends = f"{modes.paths} paths: {modes.regular} solutions, {modes.at_infinity} at infinity"
+    lost = "" if modes.complete else f", {modes.singular} SINGULAR, MAYBE MORE MODES"
+    far = f"; {modes.out_of_reach} real ones out of a leg's reach" if modes.out_of_reach else ""
+    head = f"assembly modes: {len(modes.modes)} ({ends}{lost}{far})"
+    return [head, *(table(rows, left=()) if modes.modes else [])]
 
 
 def _base_parameters(description: RobotDescription) -> NumericBaseParameters | None:

@@ -115,13 +115,13 @@ def _lines(rating: Rating) -> list[tuple[str, str]]:
         screw = _numbers(rating.source.screw, 3)
         least = f"{screw}  (angular, linear velocity at the base origin)"
         return [("minimum control", least), ("legs close to", rating.source.lines)]
-    model, own = rating.source
-    worst = _numbers(own.operation.worst_rates, 3)
+    model, rated = rating.source
+    worst = _numbers(rated.operation.worst_rates, 3)
     lines = [("worst rates", f"{worst}  (joint rates of the minimum tool motion)")]
-    if own.distance is not None and own["dm_2"].status == "ok":
-        step = _numbers(np.degrees(own.distance.step_2), 1)
+    if rated.distance is not None and rated["dm_2"].status == "ok":
+        step = _numbers(np.degrees(rated.distance.step_2), 1)
         lines.append(("shortest path", f"{step}  deg of joints 2 to 5 to the singularity (linearised)"))
-    half_axes, center = own.ellipsoid.half_axes, own.ellipsoid.center
+    half_axes, center = rated.ellipsoid.half_axes, rated.ellipsoid.center
     lines.append(
         ("ellipsoid", f"half-axes {_numbers(half_axes, 4)} m, centre {_numbers(center, 4)} m, gripper frame")
     )
@@ -140,8 +140,8 @@ def _arm(options: Namespace) -> ArmModel:
     locked: dict[str, float] = {}
     for slides in (False, True):
         try:
-            own = {name: value for name, value, way in wanted if way == slides}
-            locked |= file.locked(own, slides=slides)
+            given = {name: value for name, value, way in wanted if way == slides}
+            locked |= file.locked(given, slides=slides)
         except InputError as error:
             raise InputError(f"--lock: {error}") from None
     names = {"base_link": options.base_link, "tool_frame": options.tool_frame}
@@ -231,20 +231,20 @@ def _numbers(values: np.ndarray, decimals: int) -> str:
 class AlongReport(ResultReport):
     """The report of indices along a motion."""
 
-    found: RatedMotion
+    result: RatedMotion
 
     def to_dict(self) -> dict[str, Any]:
         """Minimum, mean and maximum values, and the times of the minima."""
-        return {**self.found.to_dict(), "written": self.written, "versions": versions()}
+        return {**self.result.to_dict(), "written": self.written, "versions": versions()}
 
     def to_text(self) -> str:
         """A table."""
-        found, rows = self.found, [["index", "least", "at [s]", "mean", "largest"]]
-        for name, one in found.to_dict()["indices"].items():
+        result, rows = self.result, [["index", "least", "at [s]", "mean", "largest"]]
+        for name, one in result.to_dict()["indices"].items():
             numbers = (one["minimum"], one["at_s"], one["mean"], one["maximum"])
             rows.append([name, *("-" if number is None else f"{number:.4g}" for number in numbers)])
         state = "regular" if self.good else "PASSES A SINGULAR POSE"
-        lines = [f"{found.robot}: {len(found.times)} poses, {state}.", "", *table(rows, left=(0,))]
+        lines = [f"{result.robot}: {len(result.times)} poses, {state}.", "", *table(rows, left=(0,))]
         return "\n".join([*lines, *(f"wrote {path}" for path in self.written)])
 
 
@@ -265,41 +265,41 @@ def along_report(robot: Rated, options: Namespace, ellipsoid: OperationEllipsoid
 class MapsReport(ResultReport):
     """Indices over a workspace."""
 
-    found: IndexMaps
+    result: IndexMaps
 
     def write(self) -> Iterator[Path]:
         """The figure."""
         if self.out is not None:
-            yield pictures.workspace.save_workspace(self.found, self.out)
+            yield pictures.workspace.save_workspace(self.result, self.out)
 
     def to_dict(self) -> dict[str, Any]:
         """Minimum, mean and maximum values, and where the maxima are."""
-        return {**self.found.to_dict(), "written": self.written, "versions": versions()}
+        return {**self.result.to_dict(), "written": self.written, "versions": versions()}
 
     def to_text(self) -> str:
         """A table."""
-        found = self.found
-        cells = " x ".join(map(str, found.inside.shape))
-        share = f"{100 * found.inside.mean():.1f} % inside"
+        result = self.result
+        cells = " x ".join(map(str, result.inside.shape))
+        share = f"{100 * result.inside.mean():.1f} % inside"
         lines = [
-            f"{found.robot}: {', '.join(found.names)}; {size_of_grid(found.names, found.size)}, {share} "
+            f"{result.robot}: {', '.join(result.names)}; {size_of_grid(result.names, result.size)}, {share} "
             f"({cells} cells)."
         ]
-        if found.crosses:
+        if result.crosses:
             lines.append("SINGULAR: the singularity surface passes between poses inside.")
-        units = [f"{name} [{'m' if name in LENGTHS else 'deg'}]" for name in found.names]
+        units = [f"{name} [{'m' if name in LENGTHS else 'deg'}]" for name in result.names]
         rows = [["index", "unit", "least", "mean", "largest", f"largest at {', '.join(units)}"]]
-        for name, one in found.to_dict()["indices"].items() if found.inside.any() else ():
+        for name, one in result.to_dict()["indices"].items() if result.inside.any() else ():
             numbers = [one[key] for key in ("minimum", "mean", "maximum")]
             shown = ["-" if number is None else f"{number:.4g}" for number in numbers]
-            rows.append([name, found.meanings[name].unit, *shown, self._place(one["best_at"])])
+            rows.append([name, result.meanings[name].unit, *shown, self._place(one["best_at"])])
         lines += ["", *table(rows, left=(0, 1))]
         return "\n".join([*lines, *(f"wrote {path}" for path in self.written)])
 
     def _place(self, best: list[float] | None) -> str:
         if best is None:
             return "-"
-        names = self.found.names
+        names = self.result.names
         values = [
             value if name in LENGTHS else np.degrees(value) for name, value in zip(names, best, strict=True)
         ]
@@ -312,7 +312,7 @@ def workspace_report(
     """Indices over the grid that `--workspace` and `--cells` ask for, about a pose."""
     figure = _figure(options)
     with Progress(sys.stderr, "computing the poses ...", what="poses") as progress:
-        found = rate_workspace(
+        index_maps = rate_workspace(
             robot,
             grid_ranges(options.workspace),
             pose=pose,
@@ -321,4 +321,4 @@ def workspace_report(
             ellipsoid=ellipsoid,
             progress=progress,
         )
-    return MapsReport(found, figure, yes=bool(found.inside.any()) and not found.crosses)
+    return MapsReport(index_maps, figure, yes=bool(index_maps.inside.any()) and not index_maps.crosses)

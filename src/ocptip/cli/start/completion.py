@@ -22,8 +22,8 @@ def run(options: Namespace) -> Report:
     for action in whole._actions:
         if isinstance(action, argparse._SubParsersAction):
             action.help = "command"  # shtab leaves out what the help does not show
-            for own in action.choices.values():
-                _complete_files(own, shtab.FILE)
+            for choice in action.choices.values():
+                _complete_files(choice, shtab.FILE)
     script = shtab.complete(whole, shell=options.shell)
     return Answer(script, {"shell": options.shell, "script": script})
 

@@ -64,8 +64,8 @@ class InitReport(Report):
                 "source": template.base.source,
                 "mass": template.base.mass,
                 "contacts": [
-                    {"kind": own.kind, "position": own.position.tolist(), "reason": own.reason}
-                    for own in template.base.contacts
+                    {"kind": contact.kind, "position": contact.position.tolist(), "reason": contact.reason}
+                    for contact in template.base.contacts
                 ],
             },
             "collision_geometry": template.missing is not None,
@@ -111,15 +111,15 @@ def run(options: Namespace) -> InitReport:
     given = "base_link tool_frame joint_limits srdf package_dirs"
     with naming_options(*given.split()):
         named = taken(options, given)
-        found = converted(Path(options.robot), path.parent, options.xacro) or Converted({})
-        further = found.files
+        result = converted(Path(options.robot), path.parent, options.xacro) or Converted({})
+        further = result.files
         for file in further:
             _require_new(file, options)
         for file, text in further.items():
             file.parent.mkdir(exist_ok=True)
             write_text(file, text)
         robot = next(iter(further), Path(options.robot))
-        named |= {"armature": found.armature, "notes": found.notes}
+        named |= {"armature": result.armature, "notes": result.notes}
         return InitReport(path, task_template(robot, path.parent, **named), tuple(further))
 
 

@@ -14,8 +14,8 @@ from ocptip.pictures.browser.view import library_viser
 def run(options: Namespace) -> Report:
     """Serve the page until Ctrl-C."""
     library_viser()
-    found = studio(options.task)
-    name = found.task.name
+    result = studio(options.task)
+    name = result.task.name
     folder = output_directory(options, name)
-    found.serve(lambda address: print(f"{name}: {address}", file=sys.stderr), folder)
+    result.serve(lambda address: print(f"{name}: {address}", file=sys.stderr), folder)
     return Answer(f"{name}: shown.", {"name": name})

@@ -23,39 +23,39 @@ def run(options: Namespace) -> ViewReport:
         if file is not None and not Path(file).resolve().parent.is_dir():
             raise InputError(f"--{name}: no such directory: {Path(file).parent}")
     with naming_options("task"):
-        found = view(options.what, options.second, task=options.task)
+        result = view(options.what, options.second, task=options.task)
     files = list[Path]()
     if options.html is not None:
-        found.html  # noqa: B018 # what cannot be drawn is refused before files are written
+        result.html  # noqa: B018 # what cannot be drawn is refused before files are written
         files.append(Path(options.html))
     if options.movie is not None:
         with naming("--movie"):
             files.append(file_target(options.movie, (".gif", ".mp4")))
     if not files:
-        found.serve(lambda address: print(f"{found.name}: {address}", file=sys.stderr))
-    return ViewReport(found, *files)
+        result.serve(lambda address: print(f"{result.name}: {address}", file=sys.stderr))
+    return ViewReport(result, *files)
 
 
 @dataclass
 class ViewReport(ResultReport):
     """A page, an animation, or both; without file it was served."""
 
-    found: View
+    result: View
     second: Path | None = None
 
     def write(self) -> Iterator[Path]:
         """The files that were asked for."""
         yield from super().write()
         if self.second is not None:
-            self.found.save(self.second)
+            self.result.save(self.second)
             yield self.second
 
     def to_dict(self) -> dict[str, Any]:
         """The name of the view and its file."""
-        return self.found.to_dict(None if self.out is None else Path(self.out))
+        return self.result.to_dict(None if self.out is None else Path(self.out))
 
     def to_text(self) -> str:
         """The name of the view and its file."""
         files = [Path(file) for file in (self.out, self.second) if file is not None]
         sizes = [f"{file} ({file.stat().st_size / 1e6:.2f} MB)" for file in files]
-        return f"{self.found.name}: {', '.join(sizes)}" if files else f"{self.found.name}: shown."
+        return f"{self.result.name}: {', '.join(sizes)}" if files else f"{self.result.name}: shown."

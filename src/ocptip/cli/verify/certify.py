@@ -41,8 +41,8 @@ def run(options: Namespace) -> Report:
             raise InputError("--out: a cycle has a certificate per segment; ocptip plan writes them")
         task = load_task(task, **given_limits(options))
         reading = taken(options, "unit rate topic rise_time")
-        found = certify(task, options.motion, columns=read_columns(options.columns), **reading)
-    return CertifyReport(found, options.out, yes=found.certified)
+        result = certify(task, options.motion, columns=read_columns(options.columns), **reading)
+    return CertifyReport(result, options.out, yes=result.certified)
 
 
 @dataclass
@@ -95,18 +95,22 @@ class VerdictReport(Report):
 class CertifyReport(ResultReport):
     """The report on the bounds that were proved for a motion."""
 
-    found: Certified
+    result: Certified
 
     def to_text(self) -> str:
         """The verdict, margins, what is proved, and where something is missing."""
-        found, checked, proof = self.found, self.found.check, cast(Certificate | None, self.found.certificate)
-        stops = "; stops CHECKED at samples" if checked.proved_while_moving and not found.certified else ""
-        head = [f"{found.name} on {found.task.name}   {checked.headline}{stops}", motion_line(checked)]
+        result, checked, proof = (
+            self.result,
+            self.result.check,
+            cast(Certificate | None, self.result.certificate),
+        )
+        stops = "; stops CHECKED at samples" if checked.proved_while_moving and not result.certified else ""
+        head = [f"{result.name} on {result.task.name}   {checked.headline}{stops}", motion_line(checked)]
         lines = [*head, *wrapped("Missing", filter(None, [checked.unproved]))]
-        lines += wrapped("Broken", found.broken)
-        lines += ["", *margin_table(found.task.robot, checked)]
+        lines += wrapped("Broken", result.broken)
+        lines += ["", *margin_table(result.task.robot, checked)]
         if proof is not None:
-            parts = zip(found.checked.names, found.checked.segments, strict=True)
+            parts = zip(result.checked.names, result.checked.segments, strict=True)
             segments = [f"{name}: {part.certificate}" for name, part in parts if name]
             undecided = [f"{one}" for one in proof.undecided[:_MOST]]
             if len(proof.undecided) > _MOST:
@@ -114,5 +118,5 @@ class CertifyReport(ResultReport):
             lines += ["", *wrapped("Proof", [f"{proof}", *segments, f"took {proof.seconds:.2f} s"])]
             lines += wrapped("Not proved", undecided, 12)
         lines += wrapped("Note", notes(checked))
-        lines += wrapped("Assumed", found.assumed)
+        lines += wrapped("Assumed", result.assumed)
         return "\n".join([*lines, *files_lines(self.written)])

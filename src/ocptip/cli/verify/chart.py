@@ -28,27 +28,27 @@ def run(options: Namespace) -> ChartReport:
     folder = output_directory(options, task.name)
     with naming_options("payloads", "cell", "most", "ballast", "foot_width"):
         same = taken(options, "samples seed payloads sectors cell most ballast foot_width")
-        found = chart(task, uncertainty=given_tolerance(options), **same)
-    return ChartReport(found, folder, not options.no_figures, yes=bool(found.held.unloaded.any()))
+        load_chart = chart(task, uncertainty=given_tolerance(options), **same)
+    return ChartReport(load_chart, folder, not options.no_figures, yes=bool(load_chart.held.unloaded.any()))
 
 
 @dataclass
 class ChartReport(FolderReport):
     """The report of `ocptip chart`."""
 
-    found: LoadChart
+    result: LoadChart
 
     def to_text(self) -> str:
         """The side view, the reaches by azimuth, and what limits the payload."""
-        found = self.found
-        lines = [f"{found.name}   LOAD CHART, {found.scope}.", ""]
-        if len(found.q):
+        result = self.result
+        lines = [f"{result.name}   LOAD CHART, {result.scope}.", ""]
+        if len(result.q):
             for key, title in (("any_posture", "in any posture"), ("best_posture", "in the best posture")):
                 lines += [f"Largest payload [kg] {title}, by height and reach [m]", *self._side(key), ""]
             for key, title in (("any_posture", "in any posture"), ("best_posture", "in the best posture")):
                 lines += [f"Largest reach [m] {title}, by azimuth [deg]", *self._reaches(key), ""]
             for key, unit in ((BALLAST, "kg of ballast"), (FOOT_WIDTH, "times the foot width")):
-                if any(one.quantity == key for one in found.designs):
+                if any(one.quantity == key for one in result.designs):
                     title = f"Payload [kg] that all postures up to a reach [m] hold, with {unit}"
                     lines += [title, *self._designs(key), ""]
             lines += named(self._notes())
@@ -58,59 +58,59 @@ class ChartReport(FolderReport):
 
     def _side(self, key: str) -> list[str]:
         """Heights from top to bottom, reaches from left to right."""
-        found = self.found
-        cells = {(one.height, one.reach): getattr(one, key) for one in found.cells(azimuth=False)}
-        reaches, heights = (list(pairwise(edges.tolist())) for edges in found.edges[1:])
+        result = self.result
+        cells = {(one.height, one.reach): getattr(one, key) for one in result.cells(azimuth=False)}
+        reaches, heights = (list(pairwise(edges.tolist())) for edges in result.edges[1:])
         lines = []
         for begin in range(0, len(reaches), _COLUMNS):
-            own = reaches[begin : begin + _COLUMNS]
-            rows = [["height \\ reach", *(f"to {end:.4g}" for _, end in own)]]
+            shown = reaches[begin : begin + _COLUMNS]
+            rows = [["height \\ reach", *(f"to {end:.4g}" for _, end in shown)]]
             for low, high in reversed(heights):
-                here = [_rounded_down(cells.get(((low, high), reach))) for reach in own]
+                here = [_rounded_down(cells.get(((low, high), reach))) for reach in shown]
                 rows.append([f"{low + 0.0:.4g} to {high + 0.0:.4g}", *here])
             lines += table(rows, left=(0,))
         return lines
 
     def _designs(self, quantity: str) -> list[str]:
-        found, lines = self.found, list[str]()
-        ends = found.edges[1][1:].tolist()
+        result, lines = self.result, list[str]()
+        ends = result.edges[1][1:].tolist()
         for begin in range(0, len(ends), _COLUMNS):
             part = slice(begin, begin + _COLUMNS)
             rows = [["", *(f"to {end:.4g}" for end in ends[part])]]
-            for one in found.designs:
+            for one in result.designs:
                 if one.quantity == quantity:
                     rows.append([f"{one.value:.4g}", *map(_rounded_down, one.payloads[part])])
             lines += table(rows, left=(0,))
         return lines
 
     def _reaches(self, key: str) -> list[str]:
-        found = self.found
-        middles = np.degrees((found.edges[0][:-1] + found.edges[0][1:]) / 2)
+        result = self.result
+        middles = np.degrees((result.edges[0][:-1] + result.edges[0][1:]) / 2)
         lines = []
         for begin in range(0, len(middles), _COLUMNS):
             part = slice(begin, begin + _COLUMNS)
             rows = [["payload", *(f"{middle:.4g}" for middle in middles[part])]]
-            for one in found.reaches:
+            for one in result.reaches:
                 rows.append([quantity(one.payload, "kg", 3), *map(_metres, getattr(one, key)[part])])
             lines += table(rows, left=(0,))
         return lines
 
     def _notes(self) -> list[tuple[str, str]]:
-        found, robot = self.found, self.found.robot
-        names, counts = np.unique(found.held.limits, return_counts=True)
+        result, robot = self.result, self.result.robot
+        names, counts = np.unique(result.held.limits, return_counts=True)
         order = np.argsort(-counts)
-        shares = [f"{100 * counts[k] / len(found.q):.0f} % {found.held.names[names[k]]}" for k in order]
+        shares = [f"{100 * counts[k] / len(result.q):.0f} % {result.held.names[names[k]]}" for k in order]
         shares = [share for share in shares if not share.startswith("0 %")]
         limits = [", ".join(shares[k : k + 2]) for k in range(0, len(shares), 2)]
         rows = under("limited by", [*limits, "(per cent of the postures)"])
-        if found.broken:
-            rows.append(("note", f"{found.broken} postures break a limit without any payload: 0 kg"))
-        tolerance = found.limits.tolerance
+        if result.broken:
+            rows.append(("note", f"{result.broken} postures break a limit without any payload: 0 kg"))
+        tolerance = result.limits.tolerance
         rows += under("uncertainty", tolerance.lines() if self.verbose else [])
         rows += [("robot", masses(robot))] if self.verbose else []
         rows.append(("not covered", ", ".join(NOT_COVERED)))
-        if found.ignored:
-            rows += under("", [f"at rest: {one}" for one in found.ignored])
+        if result.ignored:
+            rows += under("", [f"at rest: {one}" for one in result.ignored])
         return rows
 
 

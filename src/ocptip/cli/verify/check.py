@@ -63,11 +63,11 @@ def run(options: Namespace) -> CheckReport:
         with Progress(sys.stderr, "reading the motion ...", what="instants") as progress:
             same = "drive_profile step time_scale stops sensitivities design rise_time unit rate topic"
             how = {"columns": read_columns(options.columns), "stage": progress.stage, "progress": progress}
-            found = check(task, options.motion, **taken(options, same), **how)
+            result = check(task, options.motion, **taken(options, same), **how)
             if options.bag:
                 progress.stage("writing the bag ...")
-                found.save_bag(options.bag)
-    return CheckReport(found, options.bag, options.plot, **gate_of(options, found))
+                result.save_bag(options.bag)
+    return CheckReport(result, options.bag, options.plot, **gate_of(options, result))
 
 
 @dataclass
@@ -106,32 +106,32 @@ class CheckReport(GatedReport):
 
     def to_text(self) -> str:
         """Verdict, margins, robustness; with -v all quantities."""
-        found, checked = self.check, self.check.check
+        result, checked = self.check, self.check.check
         details, tables = [], []
         if self.verbose:
             details = [("instants", f"{checked.samples} checked")]
-            if found.motion.profiles is not None:
-                details += rise_rows(found.motion, checked)
-            details += check_rows(checked, found.robustness)
-            if found.task.is_cycle:
-                details += gear_rows(found.checked)
+            if result.motion.profiles is not None:
+                details += rise_rows(result.motion, checked)
+            details += check_rows(checked, result.robustness)
+            if result.task.is_cycle:
+                details += gear_rows(result.checked)
             else:
-                details.append(("masses", masses(found.task.robot)))
+                details.append(("masses", masses(result.task.robot)))
             tables = [table(worst_rows(checked), left=(0, 4, 5))]
-            tables += [_scale_table(found.time_scale)] if found.time_scale else []
-        if found.design:
-            tables.append(wrapped("Design", found.design.lines(found.task.robot.support)))
+            tables += [_scale_table(result.time_scale)] if result.time_scale else []
+        if result.design:
+            tables.append(wrapped("Design", result.design.lines(result.task.robot.support)))
         head = [self.headline, motion_line(checked)]
-        more = {"scaled": found.time_scale, "more": self._notes(), "assumed": found.assumed}
+        more = {"scaled": result.time_scale, "more": self._notes(), "assumed": result.assumed}
         required = required_lines(self.outcomes)
-        return motion_text(found, head, **more, details=details, tables=tables, required=required)
+        return motion_text(result, head, **more, details=details, tables=tables, required=required)
 
     @property
     def headline(self) -> str:
         """Names of motion and task; the verdict in capital letters, and what it is about."""
-        found = self.check
-        verdict = f"{found.name} on {found.task.name}   {found.headline}"
-        noisy = found.motion.fit is not None and found.motion.fit.noisy.any()
+        result = self.check
+        verdict = f"{result.name} on {result.task.name}   {result.headline}"
+        noisy = result.motion.fit is not None and result.motion.fit.noisy.any()
         return f"{verdict} ({_NOISY}, see note)" if noisy else verdict
 
     def _notes(self) -> list[str]:

@@ -33,42 +33,44 @@ def run(options: Namespace) -> DriveReport:
     with naming_options(*names.split()):
         given = taken(options, f"{names} holonomic samples seed")
         given["slope"] = np.radians(given["slope"])
-        found = drive(posture, STOW if stow else None, uncertainty=given_tolerance(options), **given)
-        _ = found.worst  # refusals name options
-    return DriveReport(found, folder, not options.no_figures, yes=found.worst_direction[0] > 0)
+        drive_envelope = drive(posture, STOW if stow else None, uncertainty=given_tolerance(options), **given)
+        _ = drive_envelope.worst  # refusals name options
+    return DriveReport(
+        drive_envelope, folder, not options.no_figures, yes=drive_envelope.worst_direction[0] > 0
+    )
 
 
 @dataclass
 class DriveReport(FolderReport):
     """The report of `ocptip drive`."""
 
-    found: DriveEnvelope
+    result: DriveEnvelope
 
     def to_text(self) -> str:
         """The manoeuvres with what limits them, and parameters for navigation."""
-        found = self.found
-        value, held = found.worst_direction[0], found.robot.payload
-        head = f"{found.name}   DRIVE ENVELOPE, {found.scope}."
-        rows = envelope_rows(found)
+        result = self.result
+        value, held = result.worst_direction[0], result.robot.payload
+        head = f"{result.name}   DRIVE ENVELOPE, {result.scope}."
+        rows = envelope_rows(result)
         lines = [
             self._arm(),
-            *([("note", found.choice)] if found.choice else []),
+            *([("note", result.choice)] if result.choice else []),
             *([("payload", f"{quantity(held.mass, 'kg')} ({held})")] if held else []),
-            ("worst direction", f"{_down(value)} m/s^2 {found.worst_direction_words}"),
-            *([("first contact", found.first_lift)] if found.first_lift else []),
+            ("worst direction", f"{_down(value)} m/s^2 {result.worst_direction_words}"),
+            *([("first contact", result.first_lift)] if result.first_lift else []),
             ("locked wheels", self._locked()),
-            *under("turns", found.stops),
-            *([("steps", f"{found.steps}: counted in the worst case")] if found.steps else []),
-            *under("together", [*self._together(), found.together, found.reverse, found.ground]),
+            *under("turns", result.stops),
+            *([("steps", f"{result.steps}: counted in the worst case")] if result.steps else []),
+            *under("together", [*self._together(), result.together, result.reverse, result.ground]),
             ("assumed", ASSUMED),
-            *([("robot", masses(found.robot))] if self.verbose else []),
-            *under("uncertainty", found.tolerance.lines() if self.verbose else []),
-            ("not covered", ", ".join(found.not_covered)),
+            *([("robot", masses(result.robot))] if self.verbose else []),
+            *under("uncertainty", result.tolerance.lines() if self.verbose else []),
+            ("not covered", ", ".join(result.not_covered)),
         ]
         text = [
             head,
             "",
-            *table(rows, left=(0, 1, *range(4 if found.within else 3, len(rows[0])))),
+            *table(rows, left=(0, 1, *range(4 if result.within else 3, len(rows[0])))),
             "",
             *fitted(lines),
         ]
@@ -76,49 +78,61 @@ class DriveReport(FolderReport):
 
     def _arm(self) -> tuple[str, str]:
         """The posture, or the motion with the instant of the worst direction."""
-        found = self.found
-        if found.motion is None or found.worst.times is None:
-            return "posture", joint_words(found.robot.names, found.robot.units, found.q)
-        k = int(np.argmin(found.worst.largest[: len(found.angles)]))
-        return "motion", f"{found.motion.end:.4g} s; worst direction at {found.worst.times[k]:.3f} s"
+        result = self.result
+        if result.motion is None or result.worst.times is None:
+            return "posture", joint_words(result.robot.names, result.robot.units, result.q)
+        k = int(np.argmin(result.worst.largest[: len(result.angles)]))
+        return "motion", f"{result.motion.end:.4g} s; worst direction at {result.worst.times[k]:.3f} s"
 
     def _locked(self) -> str:
-        found = self.found
-        when = "in some direction" if found.given.holonomic else "when it brakes straight"
-        if found.locked_wheels_tip:
+        result = self.result
+        when = "in some direction" if result.given.holonomic else "when it brakes straight"
+        if result.locked_wheels_tip:
             return f"tip the base {when} on level ground, before they slide"
-        when = "in any direction" if found.given.holonomic else when
+        when = "in any direction" if result.given.holonomic else when
         return f"slide before the base tips {when} on level ground, with the given friction"
 
     def _together(self) -> list[str]:
         names = {"max_velocity": ("m/s", "rad/s"), "max_accel": ("m/s^2", "rad/s^2")}
         names["max_decel"] = names["max_accel"]
-        found = []
+        results = []
         for name, (straight, turning) in names.items():
-            x, y, w = self.found.navigation[name]
+            x, y, w = self.result.navigation[name]
             side = f", {_down(y)} {straight} sideways" if y else ""
-            found.append(f"{name} {_down(x)} {straight}{side}, {_down(w)} {turning}")
-        return found
+            results.append(f"{name} {_down(x)} {straight}{side}, {_down(w)} {turning}")
+        return results
 
 
-def envelope_rows(found: DriveEnvelope) -> list[list[str]]:
+def envelope_rows(drive_envelope: DriveEnvelope) -> list[list[str]]:
     """Titles, then a row per manoeuvre: its largest values, nominal and worst case, and what limits it."""
-    within = ["worst case", "limits the worst case"] if found.within else ["limited by"]
-    rows = [["", "", "nominal", *within, *(["objects"] if found.objects else [])]]
-    for at, one in enumerate(found.manoeuvres, len(found.angles)):
-        cells = [_limit(own, at, one) for own in (found.nominal, found.within) if own is not None]
-        rows.append([one.text, one.unit, *cells, _what(found.worst, at, one), *_objects(found, at, one)])
+    within = ["worst case", "limits the worst case"] if drive_envelope.within else ["limited by"]
+    rows = [["", "", "nominal", *within, *(["objects"] if drive_envelope.objects else [])]]
+    for index, one in enumerate(drive_envelope.manoeuvres, len(drive_envelope.angles)):
+        cells = [
+            _limit(value_given, index, one)
+            for value_given in (drive_envelope.nominal, drive_envelope.within)
+            if value_given is not None
+        ]
+        rows.append(
+            [
+                one.text,
+                one.unit,
+                *cells,
+                _what(drive_envelope.worst, index, one),
+                *_objects(drive_envelope, index, one),
+            ]
+        )
     return rows
 
 
-def _objects(found: DriveEnvelope, at: int, one: Manoeuvre) -> list[str]:
+def _objects(drive_envelope: DriveEnvelope, number: int, one: Manoeuvre) -> list[str]:
     """The limit of the critical object, and its name; nothing without objects."""
-    if not (objects := found.objects):
+    if not (objects := drive_envelope.objects):
         return []
-    name = min(objects, key=lambda own: float(objects[own].worst.largest[at]))
+    name = min(objects, key=lambda object_name: float(objects[object_name].worst.largest[number]))
     worst = objects[name].worst
-    by = "slides" if worst.slip[at] < worst.tip[at] else "tips"
-    value = _limit(worst, at, one)
+    by = "slides" if worst.slip[number] < worst.tip[number] else "tips"
+    value = _limit(worst, number, one)
     return [value if value == _NOT else f"{value} ({name} {by})"]
 
 
@@ -127,16 +141,18 @@ def _down(value: float) -> str:
     return f"{np.trunc(1e3 * value + _NOISE) / 1e3 + 0.0:.4g}"
 
 
-def _limit(own: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
-    value = one.value(float(own.largest[k]))
+def _limit(largest_manoeuvres: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
+    value = one.value(float(largest_manoeuvres.largest[k]))
     return _NOT if value is None else _down(value)
 
 
-def _what(own: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
-    tips = one.value(float(own.tip[k]))
-    when = "" if own.times is None else f" @{own.times[k]:.3f}s"
-    if own.slip[k] < own.tip[k]:
+def _what(largest_manoeuvres: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
+    tips = one.value(float(largest_manoeuvres.tip[k]))
+    when = "" if largest_manoeuvres.times is None else f" @{largest_manoeuvres.times[k]:.3f}s"
+    if largest_manoeuvres.slip[k] < largest_manoeuvres.tip[k]:
         return f"friction{when}" if when or tips is None else f"friction (tips at {_down(tips)})"
-    if not own.contacts[k].any():
+    if not largest_manoeuvres.contacts[k].any():
         return ""
-    return f"tips about contacts {own.contacts[k][0]}, {own.contacts[k][1]}{when}"
+    return (
+        f"tips about contacts {largest_manoeuvres.contacts[k][0]}, {largest_manoeuvres.contacts[k][1]}{when}"
+    )

@@ -156,13 +156,22 @@ class DocumentReport(Report):
         rows = []
         if about.motion is not None and (tolerated := about.motion.robustness):
             rows.append(("Robust to (one at a time)", "; ".join(one.short for one in tolerated)))
-        rows += [("Stops", text) for s in about.stages if s.stops for text in _with_names(s, s.stops.found)]
+        rows += [("Stops", text) for s in about.stages if s.stops for text in _with_names(s, s.stops.summary)]
         rows += [
-            ("Cancels", f"{name}: {own.text}" if name else own.text) for name, own in about.cancels.items()
+            ("Cancels", f"{name}: {cancel.text}" if name else cancel.text)
+            for name, cancel in about.cancels.items()
         ]
         if about.envelope is not None:
-            worst, at = about.envelope.worst_direction[0], about.envelope.worst_direction_words
-            rows.append(("Drive envelope", f"{rounded_down(worst):g} m/s^2 {at}, arm at rest at the goal"))
+            worst, worst_direction_words = (
+                about.envelope.worst_direction[0],
+                about.envelope.worst_direction_words,
+            )
+            rows.append(
+                (
+                    "Drive envelope",
+                    f"{rounded_down(worst):g} m/s^2 {worst_direction_words}, arm at rest at the goal",
+                )
+            )
         first = f"; not stable: {' '.join(_case_row(_by_margin(fallen)[0])[:4])} and others" if fallen else ""
         decides = "" if about.given_cases else "; these usual cases do not decide the verdict"
         counted = f"{len(about.cases) - len(fallen)} of {len(about.cases)} stable"
@@ -193,7 +202,7 @@ class DocumentReport(Report):
         ]  # fmt: skip
         titles = ("contact", "kind", "position [m]", "normal", "friction", "stiffness [N/m]")
         yield grid(titles, feet)
-        on = [(own.name, own.support) for own in robot.interfaces[1:]]
+        on = [(interface.name, interface.support) for interface in robot.interfaces[1:]]
         if rows := [(name, f"{s.mass:g} kg", f"{len(s.contacts)} {s.contacts[0].kind}") for name, s in on]:
             yield grid(("object", "mass with what stands on it", "contacts"), rows)
             yield paragraph(_BASE_ALONE)
@@ -248,11 +257,11 @@ class DocumentReport(Report):
                 yield paragraph("Times are those of the segment.")
             for stage in self.about.stages:
                 if stops := stage.stops:
-                    yield items(_with_names(stage, stops.found))
+                    yield items(_with_names(stage, stops.summary))
         if moving.stops:
             yield heading("Stops that the task asks for")
             for name, stops in moving.stops.items():
-                for text in (*stops.found, *stops.assumed):
+                for text in (*stops.summary, *stops.assumed):
                     yield paragraph(f"{name}: {text}" if name else text)
         if self.about.cancels:
             yield heading("Cancels")
@@ -260,11 +269,11 @@ class DocumentReport(Report):
                 "Stops at any instant, by a controller whose motion is cancelled. To determine both ends to "
                 f"half a percent: ocptip check {self.about.name} --stops cancel."
             )
-            for name, found in self.about.cancels.items():
-                yield paragraph(f"{name}: {found.text}" if name else found.text)
-                if found.yaml:
-                    units = " and ".join(f"{unit}/s^2" for unit in dict.fromkeys(found.units))
-                    yield paragraph(f"For the controller ({units}): {found.yaml}")
+            for name, cancel in self.about.cancels.items():
+                yield paragraph(f"{name}: {cancel.text}" if name else cancel.text)
+                if cancel.yaml:
+                    units = " and ".join(f"{unit}/s^2" for unit in dict.fromkeys(cancel.units))
+                    yield paragraph(f"For the controller ({units}): {cancel.yaml}")
 
     def _driving(self) -> Iterator[str]:
         """How the base drives meanwhile, and how hard it may."""
@@ -272,13 +281,13 @@ class DocumentReport(Report):
             yield heading("Drive profile")
             yield paragraph(f"The base drives while the arm moves: {profile}. Margins include that.")
             yield items(profile.notes)
-        if (found := self.about.envelope) is None:
+        if (envelope := self.about.envelope) is None:
             return
         yield heading("Drive envelope")
-        yield paragraph(f"At the goal of the motion, {found.scope}. More by 'ocptip drive'.")
-        titles, *rows = envelope_rows(found)
+        yield paragraph(f"At the goal of the motion, {envelope.scope}. More by 'ocptip drive'.")
+        titles, *rows = envelope_rows(envelope)
         yield grid(titles, rows)
-        yield items([ASSUMED, f"not covered: {', '.join(found.not_covered)}"])
+        yield items([ASSUMED, f"not covered: {', '.join(envelope.not_covered)}"])
 
     def _rest(self) -> Iterator[str]:
         yield heading("Load cases")
@@ -325,10 +334,10 @@ class DocumentReport(Report):
             )
             lightest = min(drives) if drives else None
             yield picture(payload_figure(times, held, lightest), "What the gripper may hold, at rest.")
-        if (found := self.about.chart) is not None:
+        if (chart := self.about.chart) is not None:
             yield heading("Load chart")
             yield paragraph(f"Not covered: {', '.join(NOT_COVERED)}. More by 'ocptip chart'.")
-            yield image(found.picture(), f"Largest payload at rest: {found.scope}.")
+            yield image(chart.picture(), f"Largest payload at rest: {chart.scope}.")
 
     def _tests(self, written: Collection[str]) -> Iterator[str]:
         """Tests with those of their sections that are written."""

@@ -45,57 +45,59 @@ def _tilt(options: Namespace) -> dict[str, float]:
 class SimulateReport(ResultReport):
     """The report of a simulation."""
 
-    found: Simulated
+    result: Simulated
 
     def to_text(self) -> str:
         """Verdict, forces, lifts and slides."""
-        seen, own = self.found.replay, self.found.library
+        seen, other = self.result.replay, self.result.library
         limits = f"{1e3 * LIFTED:g} mm high, none slides by more than {1e3 * SLID:g} mm"
         what = "No foot and no object" if seen.objects else "No foot"
         verdict = f"STABLE in the simulator. {what} gets {limits}"
         if not seen.stands:
             verdict = f"{'FALLS' if seen.falls else 'NOT STABLE'} in the simulator"
-        lines = [f"{self.found.name}   {verdict}.", "", *self._table(), ""]
+        lines = [f"{self.result.name}   {verdict}.", "", *self._table(), ""]
         if seen.objects:
             lines += [*self._objects(), ""]
         rows = [("scenario", seen.world.text() or "nominal")]
-        if own is not None:
-            stands = "no contact is lost" if own.stands else "a contact is lost"
+        if other is not None:
+            stands = "no contact is lost" if other.stands else "a contact is lost"
             rows.append(
                 (
                     "library",
-                    f"{stands}; minimum foot force {own.rms_least:.2g} N rms apart, all {own.rms:.2g} N",
+                    f"{stands}; minimum foot force {other.rms_least:.2g} N rms apart, all {other.rms:.2g} N",
                 )
             )
         else:
             rows.append(
                 ("library", "no normal forces to compare: how rigid feet share their load is not determined")
             )
-        rows.append(("simulator", simulator_numbers(self.found.parts[0].robot, seen.step)))
-        rows += under("note", remarks(self.found.parts))
+        rows.append(("simulator", simulator_numbers(self.result.parts[0].robot, seen.step)))
+        rows += under("note", remarks(self.result.parts))
         return "\n".join([*lines, *named(rows)])
 
     def _table(self) -> list[str]:
-        seen, own = self.found.replay, self.found.library
+        seen, library = self.result.replay, self.result.library
         rows = [["contact", "minimum force", "time", "library", "time", "lift", "slide"]]
         for k in range(seen.forces.shape[1]):
-            at = int(np.argmin(seen.forces[:, k]))
+            index = int(np.argmin(seen.forces[:, k]))
             theirs = ["-", "-"]
-            if own is not None:
-                theirs = [quantity(own.least[k], "N", 3), self._when(own.when[k])]
-            force = quantity(float(seen.forces[at, k]), "N", 3)
+            if library is not None:
+                theirs = [quantity(library.least[k], "N", 3), self._when(library.when[k])]
+            force = quantity(float(seen.forces[index, k]), "N", 3)
             lengths = [f"{1e3 * x:.3f} mm" for x in (seen.heights[:, k].max(), seen.slides[k])]
-            rows.append([f"{k + 1}", force, self._when(seen.times[at]), *theirs, *lengths])
+            rows.append([f"{k + 1}", force, self._when(seen.times[index]), *theirs, *lengths])
         return table(rows, left=())
 
     def _objects(self) -> list[str]:
         rows = [["object", "lift", "slide", "library"]]
-        for name, moved in self.found.replay.objects.items():
-            answer = "keeps its contacts" if self.found.kept[name] else "loses a contact"
+        for name, moved in self.result.replay.objects.items():
+            answer = "keeps its contacts" if self.result.kept[name] else "loses a contact"
             rows.append([name, f"{1e3 * moved.lift:.3f} mm", f"{1e3 * moved.slide:.3f} mm", answer])
         return table(rows, left=(0, 3))
 
     def _when(self, time: float) -> str:
         """An instant, in a cycle with the segment that it is in."""
-        [name] = [part.name for _, part, at in owners(self.found.parts, np.array([time])) if len(at)]
+        [name] = [
+            part.name for _, part, instants in owners(self.result.parts, np.array([time])) if len(instants)
+        ]
         return f"{time:.3f} s" + (f" ({name})" if name else "")

@@ -60,7 +60,7 @@ def run(options: Namespace) -> StandReport:
         tolerance = what.scene.tolerance
     tolerance = given_tolerance(options) or tolerance
     try:
-        found = stand(
+        result = stand(
             what,
             uncertainty=tolerance,
             reference_moment=options.gn_reference,
@@ -70,8 +70,8 @@ def run(options: Namespace) -> StandReport:
         if error.path != "reference_moment":
             raise
         raise InputError(str(error).replace("reference_moment", "--gn-reference")) from None
-    design = found.smallest_design if options.design else None
-    return StandReport(found, options.plot, design, **gate_of(options, found))
+    design = result.smallest_design if options.design else None
+    return StandReport(result, options.plot, design, **gate_of(options, result))
 
 
 @dataclass
@@ -84,77 +84,77 @@ class StandReport(GatedReport):
         design: the smallest base, if it is asked for.
     """
 
-    found: Standing
+    result: Standing
     plot: str | None = None
     design: Design | None = None
 
     @property
     def kept(self) -> bool:
         """True if the base is stable and the arm can rest in its posture."""
-        return self.found.stable and not self.broken
+        return self.result.stable and not self.broken
 
     @property
     def broken(self) -> Sequence[str]:
         """Why the arm cannot rest in its posture: torques, angles, clearance."""
-        return self.found.posture.refusals if self.found.posture else ()
+        return self.result.posture.refusals if self.result.posture else ()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything; contacts in the order of the file."""
         design = {"design": self.design.to_dict()} if self.design else {}
-        return {**self.found.to_dict(), **design, **self.gate_to_dict()}
+        return {**self.result.to_dict(), **design, **self.gate_to_dict()}
 
     def write(self) -> Iterator[Path]:
         """Draw the picture and write the report for pipelines, if they are wanted."""
         if self.plot is not None:
-            yield self.found.save(self.plot)
+            yield self.result.save(self.plot)
         yield from super().write()
 
     def to_text(self) -> str:
         """Verdict, margins, contacts; with -v the indices and the evidence."""
         rows = fitted([*self._margins(), *under("Required", self.outcomes)])
-        objects = self._object_table() if self.found.objects else []
-        changes = changes_table(self.found.sensitivities, "What if")
+        objects = self._object_table() if self.result.objects else []
+        changes = changes_table(self.result.sensitivities, "What if")
         parts = [[self.headline, *rows], objects, self._contact_table(), changes, fitted(self._summary())]
         return "\n\n".join("\n".join(part) for part in parts if part)
 
     @property
     def headline(self) -> str:
         """Name of the scene and verdict."""
-        found = self.found
-        lost = found.nominally_stable and not found.stable_itself
-        about = f" WITHIN {found.within.scope.upper()}" if found.within and found.stable else ""
-        if about and _left_out_overshoot(found):
+        result = self.result
+        lost = result.nominally_stable and not result.stable_itself
+        about = f" WITHIN {result.within.scope.upper()}" if result.within and result.stable else ""
+        if about and _left_out_overshoot(result):
             about += ", WITHOUT OVERSHOOT"
-        if about and not all(own.within for own in found.objects):
+        if about and not all(carried.within for carried in result.objects):
             about += ", OBJECTS IN THE NOMINAL MODEL ONLY"
         verdict, _, remark = self._answer().partition(".")
         verdict += " NOMINALLY, NOT WITHIN ITS UNCERTAINTY" if lost else about
-        lacking = [o for o in found.objects if not (o.nominally_stable if lost else o.stable_itself)]
-        if found.nominally_stable and (names := [own.scene.name for own in lacking]):
+        lacking = [o for o in result.objects if not (o.nominally_stable if lost else o.stable_itself)]
+        if result.nominally_stable and (names := [carried.scene.name for carried in lacking]):
             join, be = "AND" if lost else "BUT", "IS" if len(names) == 1 else "ARE"
             verdict += f", {join} {some(names, 3)} {be} NOT STABLE{' AT ALL' if lost else ''}"
         if self.broken:
             verdict += ", BUT THE ARM CANNOT REST THERE"
-        return f"{found.scene.name}   {verdict}.{remark[:2].upper()}{remark[2:]}"
+        return f"{result.scene.name}   {verdict}.{remark[:2].upper()}{remark[2:]}"
 
     def _answer(self) -> str:
-        found = self.found
-        state = found.state
+        result = self.result
+        state = result.state
         if not state.solved and state.status != STATUS[BEYOND_RESOLUTION]:
             return f"NO ANSWER. {state.status}"
-        if found.without_reserve:
+        if result.without_reserve:
             what = {"tips": "any push tips it", "slips": "any push makes it slip"}
-            return f"IN BALANCE WITHOUT ANY MARGIN. {what[found.without_reserve].capitalize()}."
-        remark = f" Note: {found.equal_remark}." if found.equal_remark else ""
-        if found.verdict.strong:
+            return f"IN BALANCE WITHOUT ANY MARGIN. {what[result.without_reserve].capitalize()}."
+        remark = f" Note: {result.equal_remark}." if result.equal_remark else ""
+        if result.verdict.strong:
             return f"STABLE.{remark}"
-        if found.on_springs:
+        if result.on_springs:
             return "STABLE on its compliant feet. Rigid ones might move, see stability."
-        if found.nominally_stable:
+        if result.nominally_stable:
             return "STABLE in this solution. Others are possible, see stability."
-        if found.verdict.weak and found.equal and not remark:
+        if result.verdict.weak and result.equal and not remark:
             return "NOT SURE. Equally compliant feet are stable, rigid ones may move, see stability."
-        if found.verdict.weak:
+        if result.verdict.weak:
             return (
                 f"NOT SURE. One solution of the contact laws is stable, others move, see stability.{remark}"
             )
@@ -162,120 +162,124 @@ class StandReport(GatedReport):
             return f"NOT STABLE. {state.status}."
         if state.persistent:
             return "NOT STABLE. See stability."
-        moves = what_moves(found.scene.support, state.modes)
+        moves = what_moves(result.scene.support, state.modes)
         return f"NOT STABLE. {moves[:1].upper()}{moves[1:]}."
 
     def _margins(self) -> list[tuple[str, str]]:
         """What the arm cannot hold, and the margins against tipping and sliding."""
-        found = self.found
-        rows = [*under("Broken", self.broken), ("Tipping margin", _axis_text(found))]
-        if np.isfinite(found.slip.GT[0]):
-            full = found.redistribution == "full"
-            used = _share_text(found.slip.GT[0])
-            if found.slip.slide_acceleration[0] > 0 and (demand := found.friction_demand):
+        result = self.result
+        rows = [*under("Broken", self.broken), ("Tipping margin", _axis_text(result))]
+        if np.isfinite(result.slip.GT[0]):
+            full = result.redistribution == "full"
+            used = _share_text(result.slip.GT[0])
+            if result.slip.slide_acceleration[0] > 0 and (demand := result.friction_demand):
                 used = demand.used
             rows.append(("Friction used", used + (", shared optimally" if full else "")))
-        if found.equal:
-            used = _share_text(found.equal.GT[0])
+        if result.equal:
+            used = _share_text(result.equal.GT[0])
             text = f"{used} with equally compliant feet, as in the table; `stiffness` declares other springs"
             rows.append(("", text))
-        forces = without_noise(found.normal_reserves)
+        forces = without_noise(result.normal_reserves)
         if np.isfinite(forces).any():
             k = int(np.nanargmin(np.where(np.isfinite(forces), forces, np.nan)))
             rows.append(("Min foot force", f"{quantity(max(forces[k], 0.0), 'N')} (contact {k + 1})"))
-        if found.largest_slope:
-            rows.append(("Max slope", _slope_text(found.largest_slope)))
-        if largest := found.largest_payload:
-            scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
+        if result.largest_slope:
+            rows.append(("Max slope", _slope_text(result.largest_slope)))
+        if largest := result.largest_payload:
+            scope = f"within {result.tolerance.title}" if result.tolerance.given else "nominal"
             rows.append(("Max payload", f"in total at the TCP, {scope}, limits kept: {largest}"))
-        if found.posture and (share := found.possible_process) is not None:
-            scope = f"within {found.tolerance.title}" if found.tolerance.given else "nominal"
+        if result.posture and (share := result.possible_process) is not None:
+            scope = f"within {result.tolerance.title}" if result.tolerance.given else "nominal"
             kept = "all of it keeps" if share == 1 else f"{np.floor(100 * share):.0f} % of it keep"
-            rows.append(("Process", f"{found.posture.process}: {kept} all contacts, {scope}"))
+            rows.append(("Process", f"{result.posture.process}: {kept} all contacts, {scope}"))
         return rows
 
     def _object_table(self) -> list[str]:
         """Margins of the base and of each object, nominal and in the worst case, the critical one marked."""
-        found, critical = self.found, self.found.critical
-        within = any(own.within for own in found.objects)
+        result, critical = self.result, self.result.critical
+        within = any(carried.within for carried in result.objects)
         titles = ["tipping margin", "friction used"]
         rows = [["", *titles, "min normal force", *(f"{t}, worst case" for t in titles if within), ""]]
-        for own in (found, *found.objects):
-            axis, reference, worst = own.nearest_axis, own.tip.tip_over.reference_moment, own.within
-            row = ["base" if own is found else own.scene.name]
+        for carried in (result, *result.objects):
+            axis, reference, worst = (
+                carried.nearest_axis,
+                carried.tip.tip_over.reference_moment,
+                carried.within,
+            )
+            row = ["base" if carried is result else carried.scene.name]
             row.append(quantity(axis["moment_reserve"], "N m", 3) if axis else "-")
-            row.append(_share_text(own.slip.GT[0]))
-            row.append(quantity(float(np.min(own.normal_forces)), "N", 3))
+            row.append(_share_text(carried.slip.GT[0]))
+            row.append(quantity(float(np.min(carried.normal_forces)), "N", 3))
             if within and worst:
                 row += [quantity(worst.tipping_margin(reference), "N m", 3) if reference else "-"]
                 row += [quantity(100 * worst.GT, "%", 3) if worst.GT <= 1 else worst.demand.used]
             elif within:
                 row += ["-", "-"]
-            mark = "" if own.stable_itself else "NOT STABLE"
-            mark += ", worst case" if mark and own.nominally_stable else ""
-            rows.append([*row, f"{mark} <- critical".lstrip() if own is critical else mark])
+            mark = "" if carried.stable_itself else "NOT STABLE"
+            mark += ", worst case" if mark and carried.nominally_stable else ""
+            rows.append([*row, f"{mark} <- critical".lstrip() if carried is critical else mark])
         return table(rows, left=(0, len(rows[0]) - 1))
 
     def _contact_table(self) -> list[str]:
-        found = self.found
-        state, support = found.state, found.scene.support
-        forces, reserves = without_noise(found.normal_forces), without_noise(found.normal_reserves)
-        position = "position x, y [m]" if found.scene.planar else "position x, y, z [m]"
+        result = self.result
+        state, support = result.state, result.scene.support
+        forces, reserves = without_noise(result.normal_forces), without_noise(result.normal_reserves)
+        position = "position x, y [m]" if result.scene.planar else "position x, y, z [m]"
         rows = [["contact", "kind", position, "mode", "normal", "friction", "margin"]]
         for k, contact in enumerate(support.contacts):
             where = ", ".join(f"{x:.3f}" for x in np.asarray(contact.position) + 0.0)
             force, reserve = quantity(forces[k], "N"), quantity(reserves[k], "N")
-            used = percent(found.friction_used[k])
-            mode = "lifted" if found.feet and not found.feet.pressing[0, k] else state.modes[k]
+            used = percent(result.friction_used[k])
+            mode = "lifted" if result.feet and not result.feet.pressing[0, k] else state.modes[k]
             rows.append([str(k + 1), contact.kind, where, mode, force, used, reserve])
         return table(rows, left=(1, 3))
 
     def _summary(self) -> list[tuple[str, str]]:
-        found = self.found
-        state, solver = found.state, found.verdict.state
+        result = self.result
+        state, solver = result.state, result.verdict.state
         lines = self._indices() if self.verbose else []
-        if found.remark:
-            lines.append(("note", found.remark))
-        if found.feet:
-            lines.append(("feet", _feet_text(found.feet)))
-        if found.posture:
-            lines += _posture_rows(found.posture)
-        if found.within:
-            lines += under("uncertainty", found.within.lines(found.tip.tip_over.reference_moment))
-        if more := _left_out_overshoot(found):
+        if result.remark:
+            lines.append(("note", result.remark))
+        if result.feet:
+            lines.append(("feet", _feet_text(result.feet)))
+        if result.posture:
+            lines += _posture_rows(result.posture)
+        if result.within:
+            lines += under("uncertainty", result.within.lines(result.tip.tip_over.reference_moment))
+        if more := _left_out_overshoot(result):
             text = f"a step of this acceleration overshoots by {100 * more:.3g} %, which does not count here"
             lines.append(("note", f"{text}; ocptip drive counts it: give it the same --posture"))
         if self.design:
-            lines += under("design", self.design.lines(found.scene.support))
-        elif not found.stable and state.solved and not found.scene.planar:
-            also = "" if found.sensitivities else "; --sensitivities: what helps"
+            lines += under("design", self.design.lines(result.scene.support))
+        elif not result.stable and state.solved and not result.scene.planar:
+            also = "" if result.sensitivities else "; --sensitivities: what helps"
             lines.append(("next", f"--design: how wide or heavy the base must be{also}"))
-        only = " Under exactly this load; there is no margin." if found.without_reserve else ""
-        if self.verbose or only or not found.verdict.strong:
-            lines.append(("stability", f"{found.verdict.verdict}: {found.verdict.explanation}{only}"))
-            lines += under("", filter(None, [found.unsure_cause]))
-        if solver.solved and not solver.persistent and not found.nominally_stable:
+        only = " Under exactly this load; there is no margin." if result.without_reserve else ""
+        if self.verbose or only or not result.verdict.strong:
+            lines.append(("stability", f"{result.verdict.verdict}: {result.verdict.explanation}{only}"))
+            lines += under("", filter(None, [result.unsure_cause]))
+        if solver.solved and not solver.persistent and not result.nominally_stable:
             values = ", ".join(f"{a:.3g}" for a in without_noise(solver.acceleration))
-            which = " in the solution that moves" if found.verdict.weak else ""
+            which = " in the solution that moves" if result.verdict.weak else ""
             lines.append(("acceleration", f"[{values}] m/s^2, rad/s^2{which}"))
         if self.verbose:
             lines.append(("solver", f"{solver.pivots} pivots, residual {solver.residual:.1g} (relative)"))
-        if state.solved and not found.slip.solved[0]:
-            lines.append(("note", f"friction used: {found.slip.status[0]}"))
+        if state.solved and not result.slip.solved[0]:
+            lines.append(("note", f"friction used: {result.slip.status[0]}"))
         return lines
 
     def _indices(self) -> list[tuple[str, str]]:
         """Tip-over index and friction utilisation as published."""
-        found = self.found
-        rest = "" if found.reference_given else "; 0.09: the best at rest without load"
+        result = self.result
+        rest = "" if result.reference_given else "; 0.09: the best at rest without load"
         beyond = "of it {} are the acceleration of what {}, m/s^2"  # beyond 1, where no ratio goes on
-        lines = [("tip-over GN", f"{ratio(found.tip.GN[0])} (1: a contact lifts{rest})")]
-        if found.tip.lift_acceleration[0] > 0:
-            lines.append(("", beyond.format(ratio(found.tip.lift_acceleration[0]), "lifts")))
-        lines.append(("slip GT", f"{ratio(found.slip.GT[0])} (1: the friction is used up)"))
-        if found.slip.slide_acceleration[0] > 0:
-            lines.append(("", beyond.format(ratio(found.slip.slide_acceleration[0]), "slides")))
-        if (other := found.classical) is not None:
+        lines = [("tip-over GN", f"{ratio(result.tip.GN[0])} (1: a contact lifts{rest})")]
+        if result.tip.lift_acceleration[0] > 0:
+            lines.append(("", beyond.format(ratio(result.tip.lift_acceleration[0]), "lifts")))
+        lines.append(("slip GT", f"{ratio(result.slip.GT[0])} (1: the friction is used up)"))
+        if result.slip.slide_acceleration[0] > 0:
+            lines.append(("", beyond.format(ratio(result.slip.slide_acceleration[0]), "slides")))
+        if (other := result.classical) is not None:
             angle, point = float(np.degrees(other.static_angle)), 1e3 * float(other.zero_moment_point)
             along = " and ".join(f"{100 * share:.0f} %" for share in other.load_transfer)
             lines.append(("classical", f"zero-moment point {quantity(point, 'mm', 3)} from the edge"))
@@ -287,11 +291,11 @@ class StandReport(GatedReport):
         return lines
 
 
-def _left_out_overshoot(found: Standing) -> float:
+def _left_out_overshoot(standing: Standing) -> float:
     """Share by which a step of the base's acceleration overshoots within the uncertainty; 0: it has none."""
-    motion = found.posture.base_motion if found.posture else None
+    motion = standing.posture.base_motion if standing.posture else None
     accelerates = motion is not None and motion.rows(1)[0].reshape(3, 3)[[0, 2]].any()
-    return found.tolerance.overshoot if accelerates else 0.0
+    return standing.tolerance.overshoot if accelerates else 0.0
 
 
 def _posture_rows(posture: RestingPosture) -> list[tuple[str, str]]:
@@ -301,7 +305,9 @@ def _posture_rows(posture: RestingPosture) -> list[tuple[str, str]]:
     rows += [("note", posture.choice)] if posture.choice else []
     if (motion := posture.base_motion) is not None:
         parts = zip(motion.rows(1)[0].reshape(3, 3), ("m/s^2", "rad/s", "rad/s^2"), strict=True)
-        shown = [f"({', '.join(f'{x:.4g}' for x in own + 0.0)}) {unit}" for own, unit in parts if own.any()]
+        shown = [
+            f"({', '.join(f'{x:.4g}' for x in part + 0.0)}) {unit}" for part, unit in parts if part.any()
+        ]
         rows.append(("base drives", f"{', '.join(shown) or 'without acceleration'}, base axes"))
     shares = np.abs(torques) / robot.limits.torque
     joint = int(np.argmax(shares))
@@ -350,15 +356,15 @@ def _feet_text(feet: Shared) -> str:
     return f"compressed by {least} to {most}; forces are those of their springs on level ground"
 
 
-def _axis_text(found: Standing) -> str:
-    axis = found.nearest_axis
+def _axis_text(standing: Standing) -> str:
+    axis = standing.nearest_axis
     if axis is None:
-        free = found.tip.tip_over.free_rotation
+        free = standing.tip.tip_over.free_rotation
         return "none: nothing resists a rotation" if free else "unlimited: no tipping axis"
     through = " and ".join(str(k) for k in sorted(set(axis["contacts"])))
     noun = "contacts" if len(set(axis["contacts"])) > 1 else "contact"
     # Friction and inertia of a base that slides change its normal forces.
-    slides = found.slip.slide_acceleration[0] > 0 and axis["moment_reserve"] >= 0
+    slides = standing.slip.slide_acceleration[0] > 0 and axis["moment_reserve"] >= 0
     moves = ", of the base as it slides" if slides else ""
     about = f"(axis through {noun} {through}{moves})"
     margin, _, missing = margin_text(axis["moment_reserve"], "N m", 4).partition(": ")

@@ -34,12 +34,12 @@ def carries(bindings: Sequence[Binding]) -> np.ndarray:
     along t1. They never take part in what holds such loads, not even by a rounding error, which a cone of
     width zero would count as slip.
     """
-    found = np.ones((len(bindings), bindings[0].dimension if bindings else 0), dtype=bool)
+    values = np.ones((len(bindings), bindings[0].dimension if bindings else 0), dtype=bool)
     for k, binding in enumerate(bindings):
         pieces = binding.force_pieces()
-        found[k, 1:] = any(piece.radius or piece.slope for piece in pieces)
-        found[k, 1] &= largest_along(binding) > 0
-    return found
+        values[k, 1:] = any(piece.radius or piece.slope for piece in pieces)
+        values[k, 1] &= largest_along(binding) > 0
+    return values
 
 
 def largest_along(binding: Binding) -> float:

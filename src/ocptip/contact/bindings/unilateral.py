@@ -97,8 +97,10 @@ def feet(contacts: Sequence[Binding] | ArrayLike, friction: float | None = None)
     Raises:
         InputError: no friction for positions, or friction beside contacts that have one.
     """
-    own = [contact for contact in contacts if isinstance(contact, Binding)] if np.iterable(contacts) else []
-    if own:
+    bindings = (
+        [contact for contact in contacts if isinstance(contact, Binding)] if np.iterable(contacts) else []
+    )
+    if bindings:
         if friction is not None:
             raise InputError("friction: for positions only; these contacts already have a coefficient")
         return list(contacts)  # pyright: ignore[reportArgumentType] # others are refused by the support

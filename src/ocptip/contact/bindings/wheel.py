@@ -60,7 +60,7 @@ class FreeWheel(Binding):
         ]
 
     def modes(self) -> list[Mode]:
-        return [Mode(name, (*own, rolls)) for name, own in (*_GRIPS, *_LIFTS) for rolls in ("r+", "r-")]
+        return [Mode(name, (*grips, rolls)) for name, grips in (*_GRIPS, *_LIFTS) for rolls in ("r+", "r-")]
 
     def force_pieces(self) -> list[ForcePiece]:
         return [ForcePiece(0.0, np.inf, 0.0, self.friction, along=0.0)]
@@ -92,21 +92,21 @@ def _limited_modes() -> list[Mode]:
         return sorted(every)
 
     across, along = _SLIDES
-    found = [Mode("stick", cell) for cell in _cells()]
+    limited_modes = [Mode("stick", cell) for cell in _cells()]
     for r in _SIGNS:
         face = [_CORNERS[r, s] for s in _SIGNS]
-        found += [Mode("slide", (along[r], *three)) for three in on(_APEX, *face)]
-        found += [Mode("roll", (along[r], *three)) for three in on(*face, *_RAYS.values())]
-        found.append(Mode("roll", ("gn", *_RAYS.values(), along[r]), redundant=True))
+        limited_modes += [Mode("slide", (along[r], *three)) for three in on(_APEX, *face)]
+        limited_modes += [Mode("roll", (along[r], *three)) for three in on(*face, *_RAYS.values())]
+        limited_modes.append(Mode("roll", ("gn", *_RAYS.values(), along[r]), redundant=True))
     for s in _SIGNS:
         face = [_CORNERS[r, s] for r in _SIGNS]
-        found += [Mode("slide", (across[s], *three)) for three in on(_APEX, *face, _RAYS[s])]
+        limited_modes += [Mode("slide", (across[s], *three)) for three in on(_APEX, *face, _RAYS[s])]
     for (r, s), corner in _CORNERS.items():
         moves = along[r], across[s]
-        found += [Mode("slide", (*moves, corner, end)) for end in (_APEX, _RAYS[s])]
-        found.append(Mode("separate", ("gn", *moves, _APEX)))
-        found.append(Mode("slide", ("gn", *moves, _RAYS[s]), redundant=True))
-    return found
+        limited_modes += [Mode("slide", (*moves, corner, end)) for end in (_APEX, _RAYS[s])]
+        limited_modes.append(Mode("separate", ("gn", *moves, _APEX)))
+        limited_modes.append(Mode("slide", ("gn", *moves, _RAYS[s]), redundant=True))
+    return limited_modes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

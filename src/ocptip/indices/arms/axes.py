@@ -68,9 +68,9 @@ def arm_pose(model: ArmModel, q: np.ndarray) -> ArmPose:
 def _moving_inertias(model: ArmModel, rotations: np.ndarray, origins: np.ndarray) -> np.ndarray:
     """(..., n), kg m^2, of links i..n about axis i."""
     centres = origins + np.einsum("...kij,kj->...ki", rotations, model.centres)
-    own = rotations @ model.inertias @ np.swapaxes(rotations, -1, -2)
+    turned = rotations @ model.inertias @ np.swapaxes(rotations, -1, -2)
     axes = rotations[..., 2]
-    about_own = np.einsum("...ia,...kab,...ib->...ik", axes, own, axes)
+    about_own = np.einsum("...ia,...kab,...ib->...ik", axes, turned, axes)
     arms = cross(axes[..., :, None, :], centres[..., None, :, :] - origins[..., :, None, :])
     total = about_own + model.masses * np.einsum("...ika,...ika->...ik", arms, arms)
     behind = np.triu(np.ones((model.n, model.n)))

@@ -162,9 +162,9 @@ class ArmEvaluation:
         rates = np.broadcast_to(self.rates, (*angle.shape, 6))
         flat = self.distance.stationary & ~self.distance.singular & rates[..., INNER].any(axis=-1)
         for place in zip(*np.nonzero(np.atleast_1d(flat)), strict=True):
-            at = place if angle.ndim else ()
-            curvatures = stationary_curvatures(self.pose.jacobian[at])
-            angle[at] = stationary_motion_angle(curvatures, rates[at])
+            location = place if angle.ndim else ()
+            curvatures = stationary_curvatures(self.pose.jacobian[location])
+            angle[location] = stationary_motion_angle(curvatures, rates[location])
         return angle[()]
 
 

@@ -103,9 +103,11 @@ class ParallelIndices:
         with suppress(InputError):  # not planar, or other legs
             planar = planar_pose_of_robot(robot.description) is not None
         tool = () if ellipsoid else ("inv_cdn_oe", "inv_cdn_cl")
-        own = [name for name in PLATFORM if name not in tool] if self.platform else ["ctn"] if planar else []
-        self.names = (*PARALLEL, *own)
-        self.usual = (*PARALLEL, *own[: 2 if ellipsoid else 1])
+        names = (
+            [name for name in PLATFORM if name not in tool] if self.platform else ["ctn"] if planar else []
+        )
+        self.names = (*PARALLEL, *names)
+        self.usual = (*PARALLEL, *names[: 2 if ellipsoid else 1])
 
     def values(self, z: ArrayLike, names: Iterable[str]) -> dict[str, float]:
         """Indices by name in a pose (m,), m and rad; 0 where it is singular.
@@ -114,15 +116,15 @@ class ParallelIndices:
             InputError: the pose is out of reach, or wrong shapes.
         """
         z, wanted = self.robot.kinematics.coordinates("z", z), list(names)
-        found = {}
+        table = {}
         if any(name in PARALLEL for name in wanted):
-            found |= self._of_motors(z)
-        own = [name for name in wanted if name not in PARALLEL]
-        if own and self.platform:
-            found |= self.rated(z).values(own)
-        elif own:
-            found["ctn"] = control_number(planar_pose_of_robot(self.robot.description, z)).value
-        return {name: found[name] for name in wanted}
+            table |= self._of_motors(z)
+        known_names = [name for name in wanted if name not in PARALLEL]
+        if known_names and self.platform:
+            table |= self.rated(z).values(known_names)
+        elif known_names:
+            table["ctn"] = control_number(planar_pose_of_robot(self.robot.description, z)).value
+        return {name: table[name] for name in wanted}
 
     def rated(self, z: np.ndarray) -> RatedPose:
         """A hexapod as platform in a pose."""
@@ -131,13 +133,13 @@ class ParallelIndices:
 
     def _of_motors(self, z: np.ndarray) -> dict[str, float]:
         q = self.robot.ik(z).q
-        found = self.robot.singularity(z, q)
+        singularity = self.robot.singularity(z, q)
         volume = abs(motor_volume(self.robot, z, q))
         return {
             "dexterity": volume if math.isfinite(volume) else 0.0,
-            "platform": found.platform if math.isfinite(found.platform) else 0.0,
-            "conditioning": found.conditioning,
-            "legs": float(found.legs.min()),
+            "platform": singularity.platform if math.isfinite(singularity.platform) else 0.0,
+            "conditioning": singularity.conditioning,
+            "legs": float(singularity.legs.min()),
         }
 
 
@@ -150,10 +152,10 @@ def rate_parallel(robot: ParallelRobot, z: ArrayLike) -> tuple[list[IndexEntry],
     z = robot.kinematics.coordinates("z", z)
     indices, kinds = ParallelIndices(robot), robot.singularity(z).mechanical
     status = "singular pose" if kinds else "ok"
-    own = [name for name in indices.names if name in PARALLEL or not indices.platform]
+    names = [name for name in indices.names if name in PARALLEL or not indices.platform]
     entries = [
         {**PARALLEL, **PLATFORM}[name].entry(name, value, status)
-        for name, value in indices.values(z, own).items()
+        for name, value in indices.values(z, names).items()
     ]
     if indices.platform:
         entries += rate_platform(indices.platform, *robot.kinematics.pose(z))

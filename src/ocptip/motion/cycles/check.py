@@ -54,8 +54,8 @@ class CycleCheck:
         return {
             **self.whole.to_dict(),
             "segments": [
-                {"name": name, "begin_s": begin, "rest_s": pause, "rest_energy_J": energy, **own.to_dict()}
-                for name, own, begin, pause, energy in rows
+                {"name": name, "begin_s": begin, "rest_s": pause, "rest_energy_J": energy, **check.to_dict()}
+                for name, check, begin, pause, energy in rows
             ],
         }
 
@@ -82,7 +82,7 @@ def check_cycle(
         raise InputError(f"motion: has {len(motion.segments)} segments, {task.name} has {len(task.segments)}")
     pairs = list(zip(task.segments, motion.segments, strict=True))
     how = {"step": step, "progress": progress}
-    checks = [check_motion(s.task.robot, own, s.task.limits, **how) for s, own in pairs]
+    checks = [check_motion(s.task.robot, segment_motion, s.task.limits, **how) for s, segment_motion in pairs]
     return cycle_check(task, motion, checks)
 
 
@@ -103,8 +103,8 @@ def cycle_check(task: Task, motion: Trajectory, checks: Sequence[MotionCheck]) -
     task = cast(CycleTask, task)
     pauses, segments = motion.pauses, task.segments
     energies = [
-        pause * segment.standby(own.goal) if pause else 0.0
-        for segment, own, pause in zip(segments, motion.segments, pauses, strict=True)
+        pause * segment.standby(segment_motion.goal) if pause else 0.0
+        for segment, segment_motion, pause in zip(segments, motion.segments, pauses, strict=True)
     ]
     jumps = [
         f"{title} starts {jump:.3g} rad or m off the end of the one before"
@@ -133,9 +133,9 @@ def parts_of(task: CycleTask, motion: Trajectory) -> Trajectory:
     """
     points, wanted = motion.points, len(task.segments)
     assert points is not None
-    found, last = standstills(points), len(points.times) - 1
-    tail = [seam for seam in found if seam[1] == last]
-    inner = _longest(points, [seam for seam in found if seam[1] < last])
+    result, last = standstills(points), len(points.times) - 1
+    tail = [seam for seam in result if seam[1] == last]
+    inner = _longest(points, [seam for seam in result if seam[1] < last])
     if len(inner) < wanted - 1:
         raise InputError(
             f"rests {len(inner)} times between its ends; {wanted} segments of {task.name} need {wanted - 1}"
@@ -161,8 +161,8 @@ def segments_of(task: Task, motion: Trajectory) -> Trajectory:
     if task.is_cycle and motion.points is not None:
         motion = parts_of(cast(CycleTask, task), motion)
     if len(motion.segments) != len(task.segments):
-        own = f"has {len(task.segments)}" if task.is_cycle else "is a single motion"
-        raise InputError(f"has {len(motion.segments)} segments, {task.name} {own}")
+        number_of_parts = f"has {len(task.segments)}" if task.is_cycle else "is a single motion"
+        raise InputError(f"has {len(motion.segments)} segments, {task.name} {number_of_parts}")
     return motion
 
 
@@ -178,7 +178,7 @@ def _longest(points: Points, seams: list[tuple[int, int]]) -> list[tuple[int, in
                 groups[-1].append(seam)
                 continue
         groups.append([seam])
-    return [max(own, key=lambda seam: points.times[seam[1]] - points.times[seam[0]]) for own in groups]
+    return [max(group, key=lambda seam: points.times[seam[1]] - points.times[seam[0]]) for group in groups]
 
 
 def _assignments(task: CycleTask, postures: list[np.ndarray]) -> list[list[int]]:
@@ -207,13 +207,13 @@ def _whole(
     violations = [*map(statement, jumps)]
     contacts: ContactMargins | None = None
     for name, check, begin in zip(names, checks, begins, strict=True):
-        own = {w.name: _placed(w, name, float(begin)) for w in check.worst.values()}
+        worst_here = {w.name: _placed(w, name, float(begin)) for w in check.worst.values()}
         others = [w for w in check.violations if not w.name]
-        violations += [w for w in own.values() if w.broken]
+        violations += [w for w in worst_here.values() if w.broken]
         violations += [replace(w, detail=f"{w.detail} (segment {name})") for w in others]
-        for key, found in own.items():
-            if key not in worst or found.excess > worst[key].excess:
-                worst[key] = found
+        for key, result in worst_here.items():
+            if key not in worst or result.excess > worst[key].excess:
+                worst[key] = result
         shifted = check.contacts.later(float(begin))
         contacts = shifted if contacts is None else contacts.worse(shifted)
     assert contacts is not None  # there is a segment
@@ -245,44 +245,44 @@ def _within(
     names: Sequence[str], checks: Sequence[MotionCheck], begins: np.ndarray
 ) -> WithinTolerance | None:
     """The worst of all segments; None without a tolerance."""
-    found = [check.within for check in checks if check.within is not None]
+    results = [check.within for check in checks if check.within is not None]
     tips, slips, torques, gaps = [], [], [], []
-    if len(found) < len(checks):
+    if len(results) < len(checks):
         return None
-    for name, own, begin in zip(names, found, begins.tolist(), strict=True):
-        for at, every in ((own.tip, tips), (own.slip, slips)):
-            if at is not None:
-                every.append(replace(at, time=begin + at.time, how=f"segment {name}: {at.how}"))
-        torques.append(replace(own.torque, time=begin + own.torque.time))
-        if own.gap is not None:
-            gaps.append(replace(own.gap, time=begin + own.gap.time))
-    pairs = list(zip(found, begins.tolist(), strict=True))
+    for name, part, begin in zip(names, results, begins.tolist(), strict=True):
+        for index, every in ((part.tip, tips), (part.slip, slips)):
+            if index is not None:
+                every.append(replace(index, time=begin + index.time, how=f"segment {name}: {index.how}"))
+        torques.append(replace(part.torque, time=begin + part.torque.time))
+        if part.gap is not None:
+            gaps.append(replace(part.gap, time=begin + part.gap.time))
+    pairs = list(zip(results, begins.tolist(), strict=True))
     forces = [
         min(
-            (force.later(begin) for own, begin in pairs if (force := getattr(own, name)) is not None),
-            key=lambda at: at.value,
+            (force.later(begin) for part, begin in pairs if (force := getattr(part, name)) is not None),
+            key=lambda index: index.value,
             default=None,
         )
         for name in ("alike", "foot_force")
     ]
-    courses = [(begin + own.course[0], own.course[1]) for own, begin in pairs]
-    given = max((own.tolerance for own in found), key=lambda own: len(own.given))
+    courses = [(begin + part.course[0], part.course[1]) for part, begin in pairs]
+    given = max((part.tolerance for part in results), key=lambda part: len(part.given))
     return WithinTolerance(
         given,
-        max(tips, key=lambda at: at.bound, default=None),
-        max(slips, key=lambda at: at.value),
-        max(torques, key=lambda at: at.value),
-        min(gaps, key=lambda at: at.value, default=None),
-        sum(own.states for own in found),
+        max(tips, key=lambda index: index.bound, default=None),
+        max(slips, key=lambda index: index.value),
+        max(torques, key=lambda index: index.value),
+        min(gaps, key=lambda index: index.value, default=None),
+        sum(part.states for part in results),
         *forces,
-        exact_springs=any(own.exact_springs for own in found),
+        exact_springs=any(part.exact_springs for part in results),
         course=(np.concatenate([t for t, _ in courses]), np.concatenate([m for _, m in courses])),
     )
 
 
-def _collision(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _collision(sequence: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """The collision check of all segments: that of an unchecked one, else that of the smallest distance."""
-    checked_ones = [own for own in found if own["checked"]]
-    if len(checked_ones) < len(found):
-        return next(own for own in found if not own["checked"])
-    return min(checked_ones, key=lambda own: own["least"]["distance_m"])
+    checked_ones = [part for part in sequence if part["checked"]]
+    if len(checked_ones) < len(sequence):
+        return next(part for part in sequence if not part["checked"])
+    return min(checked_ones, key=lambda part: part["least"]["distance_m"])

@@ -69,8 +69,8 @@ def _promising(task: CycleTask, layers: Sequence[np.ndarray]) -> list[np.ndarray
     through = [a + b for a, b in zip(to, onward, strict=True)]
     if task.closed:
         through[0] = through[-1] = np.minimum(through[0], through[-1])
-    best = [np.sort(np.argsort(own, kind="stable")[:CANDIDATES]) for own in through]
-    return [layer[own] for layer, own in zip(layers, best, strict=True)]
+    best = [np.sort(np.argsort(costs, kind="stable")[:CANDIDATES]) for costs in through]
+    return [layer[costs] for layer, costs in zip(layers, best, strict=True)]
 
 
 def _speeds(segment: Segment) -> np.ndarray:
@@ -87,11 +87,11 @@ def likely_sequences(task: CycleTask, layers: Sequence[np.ndarray]) -> list[Way]
         _costs(segment, before, after)
         for segment, before, after in zip(task.segments, layers[:-1], layers[1:], strict=True)
     ]
-    found = best_sequences(
+    result = best_sequences(
         [len(layer) for layer in layers], lambda k, i, j: costs[k][i, j], task.closed, PLANNED
     )
-    least = found[0][0]
-    return [way for cost, way in found if cost <= WORSE * least]
+    least = result[0][0]
+    return [way for cost, way in result if cost <= WORSE * least]
 
 
 def best_sequences(sizes: Sequence[int], cost: Cost, closed: bool, count: int) -> list[tuple[float, Way]]:
@@ -103,7 +103,7 @@ def best_sequences(sizes: Sequence[int], cost: Cost, closed: bool, count: int) -
         closed: only paths that end in the posture of the first layer that they start from.
         count: maximum number of paths.
     """
-    found: list[tuple[float, Way]] = []
+    results: list[tuple[float, Way]] = []
     for group in [[i] for i in range(sizes[0])] if closed else [range(sizes[0])]:
         best: dict[int, list[tuple[float, Way]]] = {i: [(0.0, (i,))] for i in group}
         for k, size in enumerate(sizes[1:]):
@@ -111,14 +111,14 @@ def best_sequences(sizes: Sequence[int], cost: Cost, closed: bool, count: int) -
             best = {
                 j: sorted(
                     (spent + step, (*way, j))
-                    for i, own in best.items()
+                    for i, entries in best.items()
                     if np.isfinite(step := cost(k, i, j))
-                    for spent, way in own
+                    for spent, way in entries
                 )[:count]
                 for j in ends
             }
-        found += [entry for own in best.values() for entry in own]
-    return sorted(found)[:count]
+        results += [entry for entries in best.values() for entry in entries]
+    return sorted(results)[:count]
 
 
 def rest_cost(segment: Segment, goal: np.ndarray) -> float:

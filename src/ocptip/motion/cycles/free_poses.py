@@ -47,17 +47,17 @@ def moved_sequences(
     moved = [
         MovedWay(task, free, [layer[i] for layer, i in zip(layers, way, strict=True)]) for way in sequences
     ]
-    for own in moved:
-        own.descend()
-    moved.sort(key=lambda own: own.cost)
-    kept = [own for own in moved if own.cost <= WORSE * moved[0].cost]
-    rows, found = [list(layer) for layer in layers], []
-    for own in kept:
-        way = [_index(layer, q) for layer, q in zip(rows, own.postures, strict=True)]
-        found.append((*way[:-1], way[0] if task.closed else way[-1]))
+    for row in moved:
+        row.descend()
+    moved.sort(key=lambda row: row.cost)
+    kept = [row for row in moved if row.cost <= WORSE * moved[0].cost]
+    rows, results = [list(layer) for layer in layers], []
+    for row in kept:
+        way = [_index(layer, q) for layer, q in zip(rows, row.postures, strict=True)]
+        results.append((*way[:-1], way[0] if task.closed else way[-1]))
     if task.closed:
         rows[-1] = rows[0]
-    return [np.array(own) for own in rows], list(dict.fromkeys([*found, sequences[0]]))
+    return [np.array(row) for row in rows], list(dict.fromkeys([*results, sequences[0]]))
 
 
 def free_ends(task: CycleTask) -> dict[int, PoseTarget]:
@@ -139,12 +139,12 @@ class MovedWay:
                 return False
         else:
             begin = q + step * along[0]
-        found, there = posture_near(arm, target.at(wanted), begin)
-        inside = np.all((found >= self._low) & (found <= self._high))
-        if not there or not inside or np.abs(found - q).max() < _SAME or self._refused(end, found):
+        result, there = posture_near(arm, target.at(wanted), begin)
+        inside = np.all((result >= self._low) & (result <= self._high))
+        if not there or not inside or np.abs(result - q).max() < _SAME or self._refused(end, result):
             return False
         postures, around = list(self.postures), self._around(end)
-        postures[end] = found
+        postures[end] = result
         if self._task.closed:
             postures[-1] = postures[0]
         costs = [self._leg(k, postures) for k in around]
@@ -163,8 +163,8 @@ class MovedWay:
 
 def posture_near(arm: ArmModel, target: PoseTarget, q: np.ndarray) -> tuple[np.ndarray, bool]:
     """The posture (n,) at which an iteration from q (n,), rad, ends, and whether it is one of the pose."""
-    found, _ = search(arm, q[None], target.position[None], target.rotation[None], *target.how)
-    return found[0], bool(target.reached(arm, found, REACHED)[0])
+    result, _ = search(arm, q[None], target.position[None], target.rotation[None], *target.how)
+    return result[0], bool(target.reached(arm, result, REACHED)[0])
 
 
 def _redundancy(arm: ArmModel, target: PoseTarget, q: np.ndarray) -> list[np.ndarray]:

@@ -51,10 +51,10 @@ class CycleTask:
             raise InputError("segments: at least one is needed, got none")
         first = self.robot
         for number, segment in enumerate(self.segments, 1):
-            own = segment.task.robot
-            if own.names != first.names or own.units != first.units:
+            robot = segment.task.robot
+            if robot.names != first.names or robot.units != first.units:
                 raise InputError(
-                    f"segments[{number}]: moves {', '.join(own.names)}, the first {', '.join(first.names)}"
+                    f"segments[{number}]: moves {', '.join(robot.names)}, the first {', '.join(first.names)}"
                 )
         settle(self, starts=finite_array("starts", self.starts, (None, first.n)))
 
@@ -142,13 +142,15 @@ def freed_offset(target: PoseTarget | None, robot: StandingMechanism, q: np.ndar
     if target is None or not isinstance(robot, Robot):
         return {}
     offset = target.offsets(robot.arm, q[None])[0]
-    return {axis: float(own) for axis, own, free in zip(AXES, offset, target.free, strict=True) if free.any()}
+    return {
+        axis: float(shift) for axis, shift, free in zip(AXES, offset, target.free, strict=True) if free.any()
+    }
 
 
 def require_way_plannable(task: CycleTask, way: list[np.ndarray]) -> None:
     """Raise InputError with all reasons against the segments between these postures, m + 1 of (n,)."""
-    found = []
+    results = []
     for title, segment, start, goal in zip(task.titles(), task.segments, way[:-1], way[1:], strict=True):
-        found += [f"{title}: {reason}" for reason in refusals(segment.between(start, goal))]
-    if found:
-        raise InputError(f"{task.name}: cannot be planned: {'; '.join(found)}")
+        results += [f"{title}: {reason}" for reason in refusals(segment.between(start, goal))]
+    if results:
+        raise InputError(f"{task.name}: cannot be planned: {'; '.join(results)}")

@@ -71,14 +71,16 @@ class Execution:
             check: of the motion.
             budget: of time; without enough the points are written unchecked.
         """
-        own: Controller = "quintic" if motion.rise_times and all(motion.rise_times) else "cubic"
+        controller: Controller = "quintic" if motion.rise_times and all(motion.rise_times) else "cubic"
         slowest = SLOWEST if check.verified else 1.0
-        compute = partial(execute, robot, motion, limits, own, slowest=slowest)
+        compute = partial(execute, robot, motion, limits, controller, slowest=slowest)
         share = 0.5 if limits.stoppable else 1.0  # the checks of stops follow
         unchecked = "check of the points in trajectory.json"
         written = (budget or TimeBudget(None)).within(compute, None, unchecked, share)
         points = (
-            controller_points(motion, own, step=usual_step(own)).points if written is None else written.points
+            controller_points(motion, controller, step=usual_step(controller)).points
+            if written is None
+            else written.points
         )
         assert points is not None
         return cls("ramps", motion, points, check, 1.0, STEP, motion.rise_times, written)
@@ -157,14 +159,14 @@ def execute(
         return Execution(controller, run, run.points, checked, factor, step, motion.rise_times)
 
     factor, plain = first, replace(limits, tolerance=NONE)
-    found: Execution | None = None
+    result: Execution | None = None
     for kept in (plain, limits) if limits.tolerance.given else (limits,):  # the quick check goes before
-        found = slowed_as_needed(partial(tried, limits=kept), factor, slowest)
-        if found is None:
+        result = slowed_as_needed(partial(tried, limits=kept), factor, slowest)
+        if result is None:
             return tried(1.0)
-        factor = found.slower
-    assert found is not None  # there are limits
-    return found
+        factor = result.slower
+    assert result is not None  # there are limits
+    return result
 
 
 class Checked(Protocol):
@@ -193,26 +195,26 @@ def slowed_as_needed(tried: Callable[[float], C], first: float = 1.0, slowest: f
     checks: dict[float, MotionCheck] = {}
 
     def kept(factor: float) -> C | None:
-        found = tried(factor)
-        checks[factor] = found.check
-        return found if found.check.timed_well else None
+        outcome = tried(factor)
+        checks[factor] = outcome.check
+        return outcome if outcome.check.timed_well else None
 
     low = first
-    if found := kept(first):
-        return found
+    if result := kept(first):
+        return result
     while steps := [step for step in (*STEPS, slowest) if low < step <= slowest]:
         # A broken limit says how far to go at least; the last step is tried in any case.
         asked = low * checks[low].slowing
         last = max(min(slowest, asked), steps[0])
         high = next((step for step in steps if asked <= step <= SLOWEST), last)
-        if found := kept(high):
-            return _narrowed(kept, checks, low, high, found)
+        if result := kept(high):
+            return _narrowed(kept, checks, low, high, result)
         low = high
     return None
 
 
 def _narrowed(
-    kept: Callable[[float], C | None], checks: Mapping[float, MotionCheck], low: float, high: float, found: C
+    kept: Callable[[float], C | None], checks: Mapping[float, MotionCheck], low: float, high: float, result: C
 ) -> C:
     """The result near the minimum factor between one without and one with it; `checks` has those of all."""
     turn = 0
@@ -227,8 +229,8 @@ def _narrowed(
         if (new := kept(middle)) is None:
             low = middle
         else:
-            high, found = middle, new
-    return found
+            high, result = middle, new
+    return result
 
 
 def _foretold(

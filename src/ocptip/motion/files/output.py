@@ -119,13 +119,13 @@ def sample_motion(robot: StandingMechanism, motion: Trajectory, step: float = ST
         InputError: step is not positive, or the motion does not fit the arm.
     """
     times, left = _instants(motion, step)
-    own = _intervals(motion, times, left)
-    samples = robot.during(motion).samples(cast(Trajectory, _OneSided(motion, own)), times)
+    intervals = _intervals(motion, times, left)
+    samples = robot.during(motion).samples(cast(Trajectory, _OneSided(motion, intervals)), times)
     if not robot.direct_drives:
         return samples
     # Power jumps where a speed changes sign. At the crossing itself the speed is 0 up to rounding, so that
     # its sign has to come from inside the interval.
-    _, speeds, _ = motion.states(own.mean(axis=1))
+    _, speeds, _ = motion.states(intervals.mean(axis=1))
     powers = robot.motors.power(samples.torques, samples.speeds, np.where(speeds < 0, -1.0, 1.0))
     return dataclasses.replace(samples, powers=powers)
 

@@ -80,7 +80,7 @@ def write_plan(
     check = cycle_check(plan.finished, motion, [run.check for run in executions])
     blocks = csv_blocks(samples_joined(samples))
     if task.is_cycle:
-        number = np.repeat(np.arange(1, len(samples) + 1), [len(own.times) for own in samples])
+        number = np.repeat(np.arange(1, len(samples) + 1), [len(sample.times) for sample in samples])
         blocks.append(("segment", number))
     data = {**planned_to_dict(plan, executions, check), **plain(dict(extra or {}))}
     texts = {PLAN: json.dumps(data, indent=2, allow_nan=False) + "\n", MOTION: csv_text(blocks)}
@@ -120,9 +120,9 @@ def planned_to_dict(plan: MotionPlan, executions: Sequence[Execution], check: Cy
         {
             **{key: row[key] for key in ("name", "begin_s", "rest_s", "rest_energy_J")},
             **_freed(task, end, part),
-            **{key: value for key, value in plan_to_dict(part, own).items() if key not in _ONCE},
+            **{key: value for key, value in plan_to_dict(part, execution).items() if key not in _ONCE},
         }
-        for end, (row, part, own) in enumerate(
+        for end, (row, part, execution) in enumerate(
             zip(data.pop("segments"), plan.parts, executions, strict=True), 1
         )
     ]
@@ -148,8 +148,8 @@ def planned_to_dict(plan: MotionPlan, executions: Sequence[Execution], check: Cy
 
 def _freed(task: CycleTask, end: int, part: MotionPlan) -> dict[str, Any]:
     """Where in its ranges the pose of an end is."""
-    found = freed_offset(task.ends[end][2], task.robot, part.motion.goal)
-    return {"goal_offset_m": found} if found else {}
+    result = freed_offset(task.ends[end][2], task.robot, part.motion.goal)
+    return {"goal_offset_m": result} if result else {}
 
 
 def task_samples(task: Task, motion: Trajectory) -> list[MotionSamples]:
@@ -157,19 +157,19 @@ def task_samples(task: Task, motion: Trajectory) -> list[MotionSamples]:
 
     Times are those of the cycle. Each segment is sampled with the robot of this segment.
     """
-    found = []
-    for segment, own, begin, pause in zip(
+    results = []
+    for segment, segment_motion, begin, pause in zip(
         task.segments, motion.segments, motion.begins, motion.pauses, strict=False
     ):
         robot = segment.task.robot
-        parts = [sample_motion(robot, own)]
+        parts = [sample_motion(robot, segment_motion)]
         if pause:
             still = np.zeros((2, robot.n))
-            ends = own.end + np.array([0.0, pause])
-            parts.append(robot.samples_of(ends, np.tile(own.goal, (2, 1)), still, still))
+            ends = segment_motion.end + np.array([0.0, pause])
+            parts.append(robot.samples_of(ends, np.tile(segment_motion.goal, (2, 1)), still, still))
         whole = samples_joined(parts)
-        found.append(dataclasses.replace(whole, times=begin + whole.times))
-    return found
+        results.append(dataclasses.replace(whole, times=begin + whole.times))
+    return results
 
 
 def save_bag(task: Task, motion: Trajectory, path: str | os.PathLike[str]) -> None:
@@ -197,13 +197,13 @@ def samples_joined(parts: Sequence[Any]) -> Any:
     first = parts[0]
     values = {}
     for field in dataclasses.fields(first):
-        own = [getattr(part, field.name) for part in parts]
-        if isinstance(own[0], np.ndarray):
-            values[field.name] = np.concatenate(own)
+        arrays = [getattr(part, field.name) for part in parts]
+        if isinstance(arrays[0], np.ndarray):
+            values[field.name] = np.concatenate(arrays)
         elif field.name in ("states", "tip", "slip"):
-            values[field.name] = samples_joined(own)
+            values[field.name] = samples_joined(arrays)
         elif field.name == "status":
-            values[field.name] = tuple(text for status in own for text in status)
+            values[field.name] = tuple(text for status in arrays for text in status)
     return dataclasses.replace(first, **values)
 
 
@@ -220,8 +220,8 @@ def _trajectory(
     """
     if not task.is_cycle:
         return joint_trajectory(task.robot, executions[0].points, effort=effort)
-    points = [own.points for own in executions]
-    whole, parts = joined(points, pauses), [Trajectory(points=own) for own in points]
+    points = [execution.points for execution in executions]
+    whole, parts = joined(points, pauses), [Trajectory(points=execution) for execution in points]
     data = joint_trajectory(task.robot, whole)
     if effort:
         run, begins = Trajectory(points=whole), Trajectory.from_segments(parts, pauses).begins
@@ -242,10 +242,10 @@ def _task_text(task: Task, source: TaskSource) -> str:
     rows = []
     for row, segment in zip(source.data["segment"], task.segments, strict=True):
         limits, objective = segment.task.limits, segment.task.objective
-        own = {key: value for key, value in row.items() if key != "price_per_second"}
-        own |= {"limits": {name: getattr(limits, name) for name in LIMITS}, "objective": objective.name}
+        row_data = {key: value for key, value in row.items() if key != "price_per_second"}
+        row_data |= {"limits": {name: getattr(limits, name) for name in LIMITS}, "objective": objective.name}
         price = {"price_per_second": objective.time_weight} if objective.name == "both" else {}
-        rows.append({**own, **price})
+        rows.append({**row_data, **price})
     data = {key: value for key, value in source.data.items() if key != "tolerance"}
     tolerance = tolerance_table(task.limits, task.robot)
     if any(segment.task.limits.stoppable for segment in task.segments):  # GN and GT are those of the file

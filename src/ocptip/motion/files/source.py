@@ -111,7 +111,9 @@ def stop_keys(limits: Limits, robot: StandingMechanism) -> dict[str, Any]:
     """Keys of `[stops]` with which the task asks for them."""
     path, brakes, cancel = limits.stops, limits.brakes, limits.cancel
     given = {"path": path, "brakes": brakes, "cancel": cancel}
-    asked: dict[str, Any] = {"safe": kinds_of(name for name, own in given.items() if own is not None)}
+    asked: dict[str, Any] = {
+        "safe": kinds_of(name for name, asked_for in given.items() if asked_for is not None)
+    }
     if brakes is not None:
         asked |= {"GN": brakes.GN, "GT": brakes.GT}
         asked |= {"brake_torque_min_Nm": list(brakes.least), "brake_torque_max_Nm": list(brakes.greatest)}
@@ -122,8 +124,8 @@ def stop_keys(limits: Limits, robot: StandingMechanism) -> dict[str, Any]:
             asked["cancel_stopj"] = cancel.decelerations[0]
         for key, unit, scale in () if cancel.together else _RATES:
             pairs = zip(robot.units, cancel.decelerations, strict=True)
-            if own := [scale * rate for of, rate in pairs if of == unit]:
-                asked[key] = own
+            if asked_for := [scale * rate for of, rate in pairs if of == unit]:
+                asked[key] = asked_for
         asked |= {"cancel_reaction": cancel.reaction, "cancel_longest": cancel.longest}
     if path is not None:
         asked |= {"GN": path.GN, "GT": path.GT, "time": path.time}

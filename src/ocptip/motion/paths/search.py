@@ -100,8 +100,8 @@ class AllowedLines:
         return self._broken(np.vstack(parts))
 
     def _broken(self, q: np.ndarray) -> bool:
-        at = Instants.at_rest(self._robot, q)
-        return any(limit.path_excess(at) > 0 for limit in self._limits)
+        resting = Instants.at_rest(self._robot, q)
+        return any(limit.path_excess(resting) > 0 for limit in self._limits)
 
 
 def search_path(task: MotionTask, *, seed: int = 0, deadline: float = np.inf) -> FittedPath:
@@ -118,21 +118,21 @@ def search_path(task: MotionTask, *, seed: int = 0, deadline: float = np.inf) ->
     """
     library_ompl()
     starts, goals = _ends(task)
-    gaps = [task.robot.collision.least(np.array(own)) for own in (starts, goals)]
+    gaps = [task.robot.collision.least(np.array(postures)) for postures in (starts, goals)]
     extra = float(np.clip(0.5 * (min(map(np.max, gaps)) - task.limits.clearance), 0.0, EXTRA))
     tested = 0
     for more in sorted({extra, 0.0}, reverse=True):
         lines = AllowedLines(task, more)
-        ends = [[q for q in own if lines.free(q)] for own in (starts, goals)]
+        ends = [[q for q in postures if lines.free(q)] for postures in (starts, goals)]
         if not all(ends):
             continue
         how = {"seed": seed, "deadline": deadline, "most": int(MOST_STATES * (_WITH_EXTRA if more else 1))}
-        found = _shortest(task, lines, *ends, **how)
-        if found is not None and lines.broken(found):
+        result = _shortest(task, lines, *ends, **how)
+        if result is not None and lines.broken(result):
             lines.at_rest = True
-            found = _shortest(task, lines, *ends, **how)
-        if found is not None:
-            return rounded(found, lines)
+            result = _shortest(task, lines, *ends, **how)
+        if result is not None:
+            return rounded(result, lines)
         tested += lines.tested
     raise PlanningError(f"no path among the obstacles after {tested} tested states; {_HINT}")
 
@@ -167,15 +167,15 @@ _HINT = "another seed, more --seconds or a smaller clearance in [limits] may hel
 def _ends(task: MotionTask) -> list[list[np.ndarray]]:
     """Starts and goals in which the robot may rest, those of the task first."""
     pairs = [(task.start, task.goal), *task.choices]
-    found = []
+    ends = []
     for share, name in ((0, "start"), (1, "goal")):
         every = list({pair[share].tobytes(): pair[share] for pair in pairs}.values())
         reasons = [end_refusals(task, share, q) for q in every]
         allowed = [q for q, why in zip(every, reasons, strict=True) if not why]
         if not allowed:
             raise PlanningError(f"{name}: {'; '.join(reasons[0])}")
-        found.append(allowed)
-    return found
+        ends.append(allowed)
+    return ends
 
 
 def _shortest(
@@ -198,14 +198,14 @@ def _shortest(
     end = begin + most
     for turn in count():
         until = min(lines.tested + states, end)
-        own = np.random.SeedSequence([seed, turn]).generate_state(1)[0]
+        draw = np.random.SeedSequence([seed, turn]).generate_state(1)[0]
         range_ = _RANGES[min(failures, 1)]
-        how = {"seed": int(own) + 1, "range_": range_, "until": until, "deadline": deadline}
-        found = _connected(task, lines, starts, goals, **how)
-        if found is None:
+        how = {"seed": int(draw) + 1, "range_": range_, "until": until, "deadline": deadline}
+        result = _connected(task, lines, starts, goals, **how)
+        if result is None:
             states, failures = 2 * states, failures + 1
         else:
-            paths.append(found)
+            paths.append(result)
         enough = bool(paths) and (lines.tested > begin + _FURTHER or len(paths[-1]) == 2)
         if enough or lines.tested >= end or time.perf_counter() > deadline:
             break

@@ -102,10 +102,10 @@ class _Cost:
         bounds = np.concatenate([-right, -low, high])
         cones = [clarabel.NonnegativeConeT(len(bounds))]
         every = np.vstack([-rows, -one, one])
-        found = solve_cones(linear, every, bounds, cones, quiet_settings(), np.triu(quadratic))
-        if str(found.status) not in USABLE:
+        result = solve_cones(linear, every, bounds, cones, quiet_settings(), np.triu(quadratic))
+        if str(result.status) not in USABLE:
             return None
-        return np.array(found.x).reshape(-1, corners.shape[1])
+        return np.array(result.x).reshape(-1, corners.shape[1])
 
 
 def _rows(task: MotionTask, corners: np.ndarray, clearance: float) -> tuple[np.ndarray, np.ndarray]:

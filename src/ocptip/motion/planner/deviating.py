@@ -67,7 +67,7 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Uncertainty) -
     delay, more = tolerance.delay * (1 + tolerance.speed), tolerance.overshoot
     if not (delay or more) or (order.rises and not delay):
         return []
-    times, found = order.rows @ x, []
+    times, results = order.rows @ x, []
     moving = [
         joint for joint in range(order.layout.n) if joint in order.layout.joints or joint in order.regime
     ]
@@ -83,16 +83,19 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Uncertainty) -
             groups = order.corner_positions[joint]
             near = groups[(groups <= last) & (times[groups] >= time - max(delay, MEET) - MEET)]
             if len(near):
-                own = _apart(np.unique(near), times)
-                options.append(_options(joint, own, times[own].tolist(), time, delay, more))
+                combination = _apart(np.unique(near), times)
+                options.append(_options(joint, combination, times[combination].tolist(), time, delay, more))
         if options:
-            found += [Deviating(last, event, after, tuple(chain(*own))) for own in combinations(options)]
-    return found
+            results += [
+                Deviating(last, event, after, tuple(chain(*combination)))
+                for combination in combinations(options)
+            ]
+    return results
 
 
 def _late_places(order: EventOrder, times: np.ndarray, moving: list[int], delay: float) -> list[Deviating]:
     """Delayed joints of S-curves: at switching times, between them and the delay after them."""
-    found, gaps = [], np.diff(times)
+    late_places, gaps = [], np.diff(times)
     places = [(event, after, 0.0) for event in range(len(times)) for after in (0.0, delay)]
     places += [(event, 0.0, share) for event in np.flatnonzero(gaps > delay).tolist() for share in BETWEEN]
     for event, after, share in places:
@@ -102,12 +105,12 @@ def _late_places(order: EventOrder, times: np.ndarray, moving: list[int], delay:
             continue  # the last of those that meet stands for all
         rising = np.any((order.corner_positions <= last) & (order.late_positions > before), axis=1)
         options: list[list[tuple[int, ...]]] = [[(), (joint,)] for joint in moving if rising[joint]]
-        late = [joints for own in combinations(options) if (joints := tuple(chain(*own)))]
-        found += [
+        late = [joints for combination in combinations(options) if (joints := tuple(chain(*combination)))]
+        late_places += [
             Deviating(last, event, after, late=DelayedJoints(joints, before, delay), share=share)
             for joints in late
         ]
-    return found
+    return late_places
 
 
 def _apart(groups: np.ndarray, times: np.ndarray) -> list[int]:
@@ -122,16 +125,16 @@ def _options(
 
     Being on time is between what it was before and overshooting, as far as nodes go.
     """
-    found: list[Steps] = []
+    stepses: list[Steps] = []
     every = delay_cases(instants, time, delay, more > 0)
-    own = [(case.event, case.steps) for case in every if case.event is not None]
-    for event, steps in sorted(own, key=lambda one: (one[0], one[1] > 0, -one[1])):
+    event_steps = [(case.event, case.steps) for case in every if case.event is not None]
+    for event, steps in sorted(event_steps, key=lambda one: (one[0], one[1] > 0, -one[1])):
         if steps:
             later = tuple((joint, group, -1.0 - more) for group in groups[event + 1 : event + 2])
-            found.append(((joint, groups[event + 1 - steps], more), *later))
+            stepses.append(((joint, groups[event + 1 - steps], more), *later))
         else:
-            found.append(((joint, groups[event], -1.0),))
-    return found if more else [*found, ((joint, groups[-1], 0.0),)]
+            stepses.append(((joint, groups[event], -1.0),))
+    return stepses if more else [*stepses, ((joint, groups[-1], 0.0),)]
 
 
 def time_of(order: EventOrder, place: Deviating) -> np.ndarray:
@@ -143,9 +146,9 @@ def time_of(order: EventOrder, place: Deviating) -> np.ndarray:
 def masks_of(order: EventOrder, place: Deviating) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Masks (n, C), those of the ends of rises, and delays of joints (n,), of a node: see `Nodes`."""
     groups, late = order.corner_positions, list(place.late.joints)
-    at, behind = np.full((len(groups), 1), place.interval), np.zeros(len(groups))
-    at[late], behind[late] = place.late.interval, place.late.delay
-    masks, ends = (groups <= at).astype(float), (order.late_positions <= at).astype(float)
+    scalars, behind = np.full((len(groups), 1), place.interval), np.zeros(len(groups))
+    scalars[late], behind[late] = place.late.interval, place.late.delay
+    masks, ends = (groups <= scalars).astype(float), (order.late_positions <= scalars).astype(float)
     for joint, group, factor in place.steps:
         masks[joint] += factor * ((groups[joint] >= group) & (groups[joint] <= place.interval))
     return masks, ends, behind
@@ -162,20 +165,20 @@ def worst_places(
     kinds = [(place.event, place.after > 0, place.share) for place in places]
     events = np.unique(kinds, axis=0, return_inverse=True)[1]
     chosen: set[int] = set()
-    at = program.instants(x, np.arange(first, first + len(places)))
+    instants = program.instants(x, np.arange(first, first + len(places)))
     for limit in program.limits:
         if DEVIATING not in limit.node_kinds:
             continue
-        uses = limit.uses(at)
+        uses = limit.uses(instants)
         for event in np.unique(events):
-            own = np.flatnonzero(events == event)
-            worst = own[np.argmax(uses[own], axis=0)]
+            indices = np.flatnonzero(events == event)
+            worst = indices[np.argmax(uses[indices], axis=0)]
             chosen.update(int(k) for column, k in enumerate(worst) if uses[k, column] >= share)
     return [places[k] for k in sorted(chosen)]
 
 
 def kept_at_worst(program: MotionProgram, x: np.ndarray) -> bool:
     """Whether rows within an uncertainty are kept with deviations chosen at x, not those of the solve."""
-    at = program.instants(x, np.arange(program.n_nodes))
-    own = [limit for limit in program.limits if DEVIATING in limit.node_kinds]
-    return all(float(np.max(limit.use(at), initial=0.0)) <= 1 + KEPT for limit in own)
+    instants = program.instants(x, np.arange(program.n_nodes))
+    limits_kept = [limit for limit in program.limits if DEVIATING in limit.node_kinds]
+    return all(float(np.max(limit.use(instants), initial=0.0)) <= 1 + KEPT for limit in limits_kept)

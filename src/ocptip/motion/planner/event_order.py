@@ -98,12 +98,12 @@ class EventOrder:
     @property
     def crossings(self) -> list[tuple[int, int]]:
         """Joint (0-based) and group of each crossing, in the order of the variables."""
-        found = [
+        results = [
             (int(group[0].partition(".")[0]) - 1, k, np.argmax(self.rows[k]))
             for k, group in enumerate(self.groups)
             if ".x" in group[0]
         ]
-        return [(joint, k) for joint, k, _ in sorted(found, key=lambda one: one[2])]
+        return [(joint, k) for joint, k, _ in sorted(results, key=lambda one: one[2])]
 
     def speed(self, x: cs.SX, rise: float, joint: int, time: cs.SX, group: int) -> cs.SX:
         """Speed of an optimised joint, whose rise time is given, in the interval after a group of switching
@@ -116,7 +116,9 @@ class EventOrder:
         speed, since = cs.SX(0), time
         for k in range(2 * layout.commands + 2):
             step = ramps[k // 2] * (1 - 2 * (k % 2))
-            begun, done = (own[joint, k] <= group for own in (self.corner_positions, self.late_positions))
+            begun, done = (
+                positions[joint, k] <= group for positions in (self.corner_positions, self.late_positions)
+            )
             if rise > 0:
                 speed += step * (begun * since**2 - done * (since - rise) ** 2) / (2 * rise)
             elif begun:
@@ -131,8 +133,8 @@ class EventOrder:
         The steps until then count once each; the present step counts once more by the share `overshoot`.
         Angles and speeds are those of the switching time.
         """
-        at = np.arange(len(self.groups))[:, None, None]
-        return (self.corner_positions <= at) + overshoot * (self.corner_positions == at)
+        numbers = np.arange(len(self.groups))[:, None, None]
+        return (self.corner_positions <= numbers) + overshoot * (self.corner_positions == numbers)
 
 
 def order_of(formulation: Ramped, x: np.ndarray, merge: float = 0.0) -> tuple[EventOrder, np.ndarray]:
@@ -236,8 +238,8 @@ def _ordered(
             if p % 2 == 0 and f"{joint + 1}.x{k}" in position:
                 directions[begin : position[f"{joint + 1}.x{k}"], joint] = speed_signs[j, k - 1]
     for joint in profiles.passive_joints:
-        own = (f"{joint + 1}.p", f"{joint + 1}.pp") if regime[joint] else ("half", "half")
-        corners[joint, :4] = [0, position[own[0]], position[own[1]], intervals]
+        names = (f"{joint + 1}.p", f"{joint + 1}.pp") if regime[joint] else ("half", "half")
+        corners[joint, :4] = [0, position[names[0]], position[names[1]], intervals]
         directions[:, joint] = np.sign(profiles.way[joint])
     return EventOrder(
         layout,
@@ -262,9 +264,9 @@ def _risen(ramps: EventOrder, profiles: Profiles, x: np.ndarray) -> tuple[EventO
     """
     base = ramps.layout.extended(0)
     x = x[: base.size]
-    joints, signs, found = list(base.joints), ramps.speed_signs, _crossings(profiles, x)
-    layout = base.extended(len(found))
-    padding = np.zeros(len(found))
+    joints, signs, result = list(base.joints), ramps.speed_signs, _crossings(profiles, x)
+    layout = base.extended(len(result))
+    padding = np.zeros(len(result))
     kept = [k for k, group in enumerate(ramps.groups) if any(".x" not in name for name in group)]
     groups = [tuple(name for name in ramps.groups[k] if ".x" not in name) for k in kept]
     renamed = {
@@ -285,9 +287,9 @@ def _risen(ramps: EventOrder, profiles: Profiles, x: np.ndarray) -> tuple[EventO
         for k in sorted(of_rise | ({len(groups) - 1} if rise == longest else set())):
             late[k, rise] = len(events)
             events.append((events[k][0] + rise * one, (f"{groups[k][0]}+{rise:g}",)))
-    for index, (j, _) in enumerate(found):
+    for index, (j, _) in enumerate(result):
         events.append((unit_row(layout, layout.crossing + index), (f"{joints[j] + 1}.x{index + 1}",)))
-    x = np.concatenate([x, [time for _, time in found]])
+    x = np.concatenate([x, [time for _, time in result]])
     instants = np.array([row @ x for row, _ in events])
     for part in _chains(len(groups), late):
         instants[part] = np.maximum.accumulate(instants[part])
@@ -298,13 +300,13 @@ def _risen(ramps: EventOrder, profiles: Profiles, x: np.ndarray) -> tuple[EventO
     corners, ends = np.full((2, *chain.shape), len(events) - 1)
     for joint, count in moving.items():
         rise = profiles.rise_times[joint]
-        own = chain[joint, :count]
-        corners[joint, :count] = place[own]
-        ends[joint, :count] = place[[late.get((k, rise), int(k)) for k in own]]
+        chain_here = chain[joint, :count]
+        corners[joint, :count] = place[chain_here]
+        ends[joint, :count] = place[[late.get((k, rise), int(k)) for k in chain_here]]
     directions = np.ones((len(events) - 1, layout.n))
     directions[:, joints] = signs[:, 0]
-    for index, (j, _) in enumerate(found):
-        directions[place[len(events) - len(found) + index] :, joints[j]] *= -1
+    for index, (j, _) in enumerate(result):
+        directions[place[len(events) - len(result) + index] :, joints[j]] *= -1
     for joint in profiles.passive_joints:
         directions[:, joint] = np.sign(profiles.way[joint])
     for joint, count in moving.items():
@@ -329,12 +331,15 @@ def _chains(count: int, late: dict[tuple[int, float], int]) -> list[list[int]]:
     time.
     """
     rises = sorted({rise for _, rise in late})
-    return [list(range(count)), *([at for (_, own), at in late.items() if own == rise] for rise in rises)]
+    return [
+        list(range(count)),
+        *([position for (_, late_rise), position in late.items() if late_rise == rise] for rise in rises),
+    ]
 
 
 def _crossings(profiles: Profiles, x: np.ndarray) -> list[tuple[int, float]]:
     """Optimised joint (its number among those) and time of all changes of sign of its speed."""
-    layout, found = profiles.layout, []
+    layout, crossings = profiles.layout, []
     for j, joint in enumerate(layout.joints):
         w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
         lengths = np.append(np.column_stack([d[:-1], c]), d[-1])
@@ -346,15 +351,15 @@ def _crossings(profiles: Profiles, x: np.ndarray) -> list[tuple[int, float]]:
         ramps = JointRamps((), times, angles, speeds, accelerations)
         rise = float(profiles.rise_times[joint])
         if rise > 0:
-            found += [(j, float(t)) for t in s_curve(ramps, rise).crossings]
+            crossings += [(j, float(t)) for t in s_curve(ramps, rise).crossings]
             continue
         for k in np.flatnonzero(speeds[:-1] * speeds[1:] < 0):
-            found.append((j, float(times[k] - speeds[k] / accelerations[k])))
-    return found
+            crossings.append((j, float(times[k] - speeds[k] / accelerations[k])))
+    return crossings
 
 
-def unit_row(layout: Layout, at: int) -> np.ndarray:
+def unit_row(layout: Layout, position: int) -> np.ndarray:
     """The row that picks variable `at` out of x."""
     row = np.zeros(layout.size)
-    row[at] = 1.0
+    row[position] = 1.0
     return row

@@ -139,7 +139,7 @@ class Refiner:
         watch: list[Place] = [(i, float(s)) for i in range(intervals) for s in SHARES]
         deviating = deviating_places(order, x, tolerance)
         watched = formulation.ordered_program(limits, order, x, [*watch, *deviating])
-        own = watched.n_nodes - len(watch) - len(deviating)
+        n_nodes = watched.n_nodes - len(watch) - len(deviating)
         share = FIRST if extra is None else 1 + FEASIBLE
         near_by = set(deviating)  # joints that are no longer late together need no row
         extra = [place for place in extra or [] if not isinstance(place, Deviating) or place in near_by]
@@ -150,8 +150,10 @@ class Refiner:
             if kept is not None and deviating:  # other joints may be late together by now
                 deviating = deviating_places(order, x, limits.tolerance)
                 watched = formulation.ordered_program(limits, order, anchor, [*watch, *deviating])
-            fresh = self._watch_out(watched, own, watch, x, share)
-            fresh += worst_places(watched, x, deviating, own + len(watch), NEAR if rows is None else share)
+            fresh = self._watch_out(watched, n_nodes, watch, x, share)
+            fresh += worst_places(
+                watched, x, deviating, n_nodes + len(watch), NEAR if rows is None else share
+            )
             fresh = [place for place in fresh if place not in extra]
             program = formulation.ordered_program(limits, order, anchor, extra + fresh)
             near = program.near_rows(x, NEAR)
@@ -193,13 +195,13 @@ class Refiner:
 
     @staticmethod
     def _watch_out(
-        watched: MotionProgram, own: int, watch: list[Place], x: np.ndarray, share: float
+        watched: MotionProgram, n_nodes: int, watch: list[Place], x: np.ndarray, share: float
     ) -> list[Place]:
         """Points that should become nodes: where a limit is broken most in each interval.
 
         At the first look (share below 1) the ends of intervals that use at least this share of a limit.
         """
-        nodes = slice(own, own + len(watch))
+        nodes = slice(n_nodes, n_nodes + len(watch))
         if share < 1:
             hit = watched.near_rows(x, share, nodes).at_nodes
             return [place for place, h in zip(watch, hit, strict=True) if h and place[1] in (0.0, 1.0)]

@@ -117,8 +117,8 @@ class Formulation:
             x[layout.d(j)] = np.maximum(np.append(ramps.ramps, idle), 1e-3)
         x[layout.end], x[layout.one] = motion.with_rise_times(0.0).end, 1.0
         joints = list(layout.joints)
-        for at, posture in ((layout.start, motion.start), (layout.goal, motion.goal)):
-            x[at] = posture[joints][: at.stop - at.start]
+        for index, posture in ((layout.start, motion.start), (layout.goal, motion.goal)):
+            x[index] = posture[joints][: index.stop - index.start]
         return x
 
     def motion(self, x: np.ndarray) -> Trajectory:
@@ -296,8 +296,8 @@ class Formulation:
                 kinds[node] = DEVIATING
         how = {"regime": order.regime, "behind": behind, "kinds": kinds, "course": self._course(layout)}
         if limits.cancel is not None and limits.tolerance.given and not order.rises:
-            at = np.searchsorted(events @ x, times @ x - limits.tolerance.late - MEET, side="right") - 1
-            how["earlier"] = (order.corner_positions <= at[:, None, None]).astype(float)
+            group = np.searchsorted(events @ x, times @ x - limits.tolerance.late - MEET, side="right") - 1
+            how["earlier"] = (order.corner_positions <= group[:, None, None]).astype(float)
         placed = Nodes(self.profiles(layout), times, masks=masks, late=late, **how)
         directions = order.directions[np.clip(index, 0, last)]
         if self.physics.smooth:  # the order says nothing about the motors' directions

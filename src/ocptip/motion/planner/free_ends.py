@@ -56,17 +56,17 @@ class FreeEnds:
     def values(self, layout: Layout, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Start and goal (n,) of variables x."""
         start, goal = (posture.copy() for posture in self._postures)
-        for posture, at, free in zip((start, goal), (layout.start, layout.goal), self.free, strict=True):
+        for posture, place, free in zip((start, goal), (layout.start, layout.goal), self.free, strict=True):
             if free:
-                posture[self._joints] = x[at]
+                posture[self._joints] = x[place]
         return start, goal
 
     def expressions(self, layout: Layout, x: cs.SX) -> tuple[cs.SX, cs.SX]:
         """Start and goal (n,) as CasADi expressions of the variables x."""
         start, goal = (cs.SX(posture) for posture in self._postures)
-        for posture, at, free in zip((start, goal), (layout.start, layout.goal), self.free, strict=True):
+        for posture, place, free in zip((start, goal), (layout.start, layout.goal), self.free, strict=True):
             if free:
-                posture[self._joints] = x[at]
+                posture[self._joints] = x[place]
         return start, goal
 
     def equations(self, layout: Layout, x: cs.SX) -> Iterator[cs.SX]:
@@ -83,16 +83,16 @@ class FreeEnds:
         assert self._arm is not None
         limits, joints = self._arm.limits, self._joints
         margin = np.where(self._arm.prismatic, 0.0, self._margin)
-        for posture, at, free in zip(self._postures, (layout.start, layout.goal), self.free, strict=True):
+        for posture, place, free in zip(self._postures, (layout.start, layout.goal), self.free, strict=True):
             if free:
-                lower[at] = np.minimum(limits.angle_min + margin, posture)[joints]
-                upper[at] = np.maximum(limits.angle_max - margin, posture)[joints]
+                lower[place] = np.minimum(limits.angle_min + margin, posture)[joints]
+                upper[place] = np.maximum(limits.angle_max - margin, posture)[joints]
 
     def miss(self, start: np.ndarray, goal: np.ndarray) -> float:
         """By how much free ends miss their poses, m and rad."""
-        found = [0.0]
+        results = [0.0]
         for target, posture in zip(self._targets, (start, goal), strict=True):
             if target is not None:
                 assert self._arm is not None
-                found.append(float(target.residuals(self._arm, posture[None])[0]))
-        return max(found)
+                results.append(float(target.residuals(self._arm, posture[None])[0]))
+        return max(results)

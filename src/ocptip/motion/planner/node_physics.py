@@ -112,11 +112,11 @@ class NodePhysics:
 
     def jacobian(self, s: np.ndarray, direction: np.ndarray) -> NodeJacobian:
         """y and its first derivatives, and what the second ones need."""
-        found = self._loads.jacobian.in_columns(s)
+        result = self._loads.jacobian.in_columns(s)
         count = self._loads.count
-        power = self._powers(s, found[:count], direction)
-        y, slope = _join(found, power, self.n, self._size, self._speeds)
-        return NodeJacobian(s, y, found[count:], slope, power[1:])
+        power = self._powers(s, result[:count], direction)
+        y, slope = _join(result, power, self.n, self._size, self._speeds)
+        return NodeJacobian(s, y, result[count:], slope, power[1:])
 
     def _powers(self, s: np.ndarray, z: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Power and its derivatives over the motors' torques and speeds, (1 + 5 n, N)."""
@@ -124,12 +124,21 @@ class NodePhysics:
         speeds = s[n : 2 * n] if self._speeds < 0 else z[self._speeds :]
         return self._power.in_columns(np.concatenate([z[:n], speeds, direction]))
 
-    def hessian(self, at: NodeJacobian, weights: np.ndarray) -> NodeHessian:
+    def hessian(self, node_jacobian: NodeJacobian, weights: np.ndarray) -> NodeHessian:
         """Derivatives of the sum of weights (N, 7 + n + k) times y."""
-        inputs = _weigh(at.s, weights, at.of_power, self.n, self._speeds)
-        upper, slopes = self._loads.hessian.in_columns(inputs), np.empty(at.s.shape)
-        _bend(upper, slopes, at.slopes, at.of_power, inputs, weights[:, 0].copy(), self.n, self._speeds)
-        return NodeHessian(at, upper, slopes)
+        inputs = _weigh(node_jacobian.s, weights, node_jacobian.of_power, self.n, self._speeds)
+        upper, slopes = self._loads.hessian.in_columns(inputs), np.empty(node_jacobian.s.shape)
+        _bend(
+            upper,
+            slopes,
+            node_jacobian.slopes,
+            node_jacobian.of_power,
+            inputs,
+            weights[:, 0].copy(),
+            self.n,
+            self._speeds,
+        )
+        return NodeHessian(node_jacobian, upper, slopes)
 
 
 class NodeJacobian:
@@ -155,8 +164,8 @@ class NodeJacobian:
         """
         assert np.all(first > 0), "the power has separate slopes"
         first = np.full(len(nodes), 1) * (first - 1)
-        own = np.ascontiguousarray
-        return _over_states(own(nodes), first, own(on), self.slopes, self.y.shape[1] - 1)
+        contiguous = np.ascontiguousarray
+        return _over_states(contiguous(nodes), first, contiguous(on), self.slopes, self.y.shape[1] - 1)
 
 
 class NodeHessian:
@@ -167,8 +176,8 @@ class NodeHessian:
         slopes: (S, N) the first ones.
     """
 
-    def __init__(self, at: NodeJacobian, upper: np.ndarray, slopes: np.ndarray) -> None:
-        self._at, self.upper, self.slopes = at, upper, slopes
+    def __init__(self, node_jacobian: NodeJacobian, upper: np.ndarray, slopes: np.ndarray) -> None:
+        self._at, self.upper, self.slopes = node_jacobian, upper, slopes
 
     def add(self, nodes: np.ndarray, bends: np.ndarray) -> None:
         """Add second derivatives (R, k, k) at nodes (R,) over the first k states."""
@@ -178,31 +187,31 @@ class NodeHessian:
     def add_over_quantities(self, nodes: np.ndarray, first: int, bends: np.ndarray) -> None:
         """Add second derivatives (R, k, k) at nodes (R,) over k columns of y from the first on."""
         assert first > 0, "the power has separate slopes"
-        own, at = np.ascontiguousarray, self._at
-        own_bends, m = own(bends), at.y.shape[1] - 1
-        _add_bends_over_quantities(self.upper, own(nodes), first - 1, own_bends, at.slopes, m)
+        contiguous, states = np.ascontiguousarray, self._at
+        own_bends, m = contiguous(bends), states.y.shape[1] - 1
+        _add_bends_over_quantities(self.upper, contiguous(nodes), first - 1, own_bends, states.slopes, m)
 
 
 @compiled_in_any_order
-def _join(found, power, n, size, speeds):
+def _join(result, power, n, size, speeds):
     """y (N, 1 + m), and the slopes (S, N) of the power, of z with its slopes (m + S m, N)."""
-    N = found.shape[1]
-    m = len(found) // (1 + size)
+    N = result.shape[1]
+    m = len(result) // (1 + size)
     y, slope = np.empty((N, 1 + m)), np.zeros((size, N))
     for i in range(N):
         y[i, 0] = power[0, i]
         for k in range(m):
-            y[i, 1 + k] = found[k, i]
+            y[i, 1 + k] = result[k, i]
     for c in range(size):
         for j in range(n):
             row = m + c * m + j
             for i in range(N):
-                slope[c, i] += power[1 + j, i] * found[row, i]
+                slope[c, i] += power[1 + j, i] * result[row, i]
         if speeds >= 0:
             for j in range(n):
                 row = m + c * m + speeds + j
                 for i in range(N):
-                    slope[c, i] += power[1 + n + j, i] * found[row, i]
+                    slope[c, i] += power[1 + n + j, i] * result[row, i]
         elif n <= c < 2 * n:
             for i in range(N):
                 slope[c, i] += power[1 + c, i]
@@ -214,14 +223,14 @@ def _over_states(nodes, first, on, slopes, m):
     """See `NodeJacobian.over_states`; first is counted without the power."""
     count, k = on.shape
     size = len(slopes) // m
-    found = np.zeros((count, size))
+    values = np.zeros((count, size))
     for r in range(count):
         i = nodes[r]
         for c in range(size):
             row = c * m + first[r]
             for j in range(k):
-                found[r, c] += on[r, j] * slopes[row + j, i]
-    return found
+                values[r, c] += on[r, j] * slopes[row + j, i]
+    return values
 
 
 @compiled

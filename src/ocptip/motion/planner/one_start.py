@@ -70,8 +70,8 @@ class Search:
             np.array(task.rise_times or (0.0,) * task.robot.n),
         )
         kinds = limits_of(task.robot, task.limits)
-        own, rest = task.limits.tolerance, np.array([task.start, task.goal])
-        self.jumps = bool(own.delay or own.overshoot) and not self.formulation.rise
+        tolerance, rest = task.limits.tolerance, np.array([task.start, task.goal])
+        self.jumps = bool(tolerance.delay or tolerance.overshoot) and not self.formulation.rise
         self.smooth = as_described(task.robot, task.limits, rest, jumps=not self.formulation.rise)
         self._asked = [limit for limit in kinds if isinstance(limit, AskedLimit)]
         self.inner = task.limits
@@ -125,13 +125,13 @@ class Search:
                 if cycle > 0 or not self.jumps:
                     x, _ = self._fine(x, clock)
                     clock.stage("fine")
-                found, x, status = self._refined(x, clock)
-                if found is None:
+                result, x, status = self._refined(x, clock)
+                if result is None:
                     continue
-                if best is not None and not self._better(found[1], best[1]):
+                if best is not None and not self._better(result[1], best[1]):
                     break
-                best = found
-                if found[1].verified:
+                best = result
+                if result[1].verified:
                     break
         except NUMERICAL as error:  # one start of many: what was found before counts
             status = f"no motion: {error}"
@@ -160,15 +160,15 @@ class Search:
             return self._coarse(x, limits, clock)
 
         def begun(clock: Clock) -> np.ndarray | None:
-            found = random_change(self.formulation.layout, x, np.random.default_rng(draw))
+            result = random_change(self.formulation.layout, x, np.random.default_rng(draw))
             for step, most in zip((coarse, self._fine), HOPEFUL, strict=True):
-                found, promised = step(found, clock)
+                result, promised = step(result, clock)
                 if promised * self.task.objective.size > most * cost:
                     return None
-            return found
+            return result
 
-        found = self._gone_on(before, begun)
-        return replace(found, result=replace(found.result, hops=1))
+        attempt = self._gone_on(before, begun)
+        return replace(attempt, result=replace(attempt.result, hops=1))
 
     def changed(self, before: Attempt) -> Attempt:
         """A verified start of a task with other rise times, solved again with those of this one.
@@ -186,9 +186,9 @@ class Search:
             if self.jumps and Refiner(self.formulation, self.inner).slowed_cost(x) * size > PROMISING * cost:
                 return None
             limits = self._at_first(self.smooth, before.result.number)
-            found = [self._fine(x, clock)]
-            found.append(self._fine(self._coarse(x, limits, clock)[0], clock))
-            x_best, promised = min(found, key=lambda one: one[1])
+            results = [self._fine(x, clock)]
+            results.append(self._fine(self._coarse(x, limits, clock)[0], clock))
+            x_best, promised = min(results, key=lambda one: one[1])
             return x_best if promised * size <= ROUGHLY * cost else None
 
         return self._gone_on(before, begun)
@@ -201,9 +201,9 @@ class Search:
             start = begun(clock)
             clock.stage("fine")
             if start is not None:
-                found, _, _ = self._refined(start, clock, WORSE_EXACT * self._cost(checked))
-                if found is not None and self._better(found[1], checked):
-                    motion, checked = found
+                outcome, _, _ = self._refined(start, clock, WORSE_EXACT * self._cost(checked))
+                if outcome is not None and self._better(outcome[1], checked):
+                    motion, checked = outcome
         except NUMERICAL:
             pass  # what was found before counts
         clock.pause()
@@ -220,8 +220,8 @@ class Search:
         clock = Clock()
         checked = prove(self.task.robot, before.motion, before.check, self.task.limits)
         clock.stage("proof")
-        found = self._made_provable(before.motion, checked, prove, clock)
-        motion, checked = found or (before.motion, checked)
+        result = self._made_provable(before.motion, checked, prove, clock)
+        motion, checked = result or (before.motion, checked)
         clock.pause()
         status = before.result.status
         return Attempt(clock.result(before.result.number, status, checked), motion, checked)
@@ -256,14 +256,14 @@ class Search:
 
     def _not_proved(self, checked: MotionCheck) -> list[tuple[AskedLimit, float, list[float]]]:
         """Limits that the certificate leaves open, by how much, and when, s."""
-        found = []
+        results = []
         proof = checked.certificate
         for limit in self._asked if proof is not None else []:
             assert proof is not None
             shorts, times = proof.short_of(limit.name, limit.setting, limit.number)
             if shorts > 0:
-                found.append((limit, shorts, times or [checked.worst[limit.result].time]))
-        return found
+                results.append((limit, shorts, times or [checked.worst[limit.result].time]))
+        return results
 
     def _refined(
         self, x: np.ndarray, clock: Clock, most: float = np.inf
@@ -384,12 +384,12 @@ class Search:
             try:
                 exact = refiner.again(exact, [w.time for _, w in faults])
                 clock.stage("exact")
-                found = self._motion_and_check(refiner, exact, clock)
+                result = self._motion_and_check(refiner, exact, clock)
             except NUMERICAL:
                 break  # what was found before counts
-            checked = found[1]
+            checked = result[1]
             if self._better(checked, best[1]) or not best[1].verified:
-                best = found
+                best = result
         return best
 
     def _motion_and_check(

@@ -109,10 +109,10 @@ def put_corners(x, joints, K, ramps, steps, times, d_steps):
     """
     P = 3 * K + 1
     for j in range(len(joints)):
-        own, joint, time = x[j * P : (j + 1) * P], joints[j], 0.0
+        variables, joint, time = x[j * P : (j + 1) * P], joints[j], 0.0
         for k in range(K + 1):
-            d = own[K + k]
-            ramp = ((own[k] if k < K else 0.0) - (own[k - 1] if k > 0 else 0.0)) / d
+            d = variables[K + k]
+            ramp = ((variables[k] if k < K else 0.0) - (variables[k - 1] if k > 0 else 0.0)) / d
             ramps[j, k] = ramp
             for corner, sign in ((2 * k, 1.0), (2 * k + 1, -1.0)):
                 steps[joint, corner] = sign * ramp
@@ -126,7 +126,7 @@ def put_corners(x, joints, K, ramps, steps, times, d_steps):
             time += d
             times[joint, 2 * k + 1] = time
             if k < K:
-                time += own[2 * K + 1 + k]
+                time += variables[2 * K + 1 + k]
 
 
 @compiled
@@ -179,15 +179,15 @@ def add_corners_curvature(hessian, x, joints, K, ramps, passive, end, second, on
     for j in range(len(joints)):
         first, joint = j * P, joints[j]
         for k in range(K + 1):
-            at = first + K + k
-            cross = (on_steps[joint, 2 * k] - on_steps[joint, 2 * k + 1]) / x[at] ** 2
+            column = first + K + k
+            cross = (on_steps[joint, 2 * k] - on_steps[joint, 2 * k + 1]) / x[column] ** 2
             if k < K:
-                hessian[first + k, at] -= cross
-                hessian[at, first + k] -= cross
+                hessian[first + k, column] -= cross
+                hessian[column, first + k] -= cross
             if k > 0:
-                hessian[first + k - 1, at] += cross
-                hessian[at, first + k - 1] += cross
-            hessian[at, at] += 2 * ramps[j, k] * cross
+                hessian[first + k - 1, column] += cross
+                hessian[column, first + k - 1] += cross
+            hessian[column, column] += 2 * ramps[j, k] * cross
 
 
 @compiled_in_any_order
@@ -231,7 +231,7 @@ def joint_states(
     N = len(t)
     n, C = alpha.shape
     values, rates = np.zeros((size, N)), np.zeros((size, N))
-    own = np.zeros((size // 3, own_size, 3, N))
+    slopes = np.zeros((size // 3, own_size, 3, N))
     steps, since = np.empty((n, C, 5, N)), np.empty(N)
     u, before = np.empty(N), np.empty((5, N))
     for j in range(n):
@@ -260,14 +260,14 @@ def joint_states(
                 grows, late = d_alpha[j, c, p], -s * d_tau[j, c, p]
                 if grows != 0.0 or late != 0.0:
                     for k in range(3):
-                        _add(own[j, p, k], of[k], grows, of[k + 1], late)
+                        _add(slopes[j, p, k], of[k], grows, of[k + 1], late)
         for i in range(N):
             rates[j, i], rates[n + j, i] = w[i], a[i]
-    return values, rates, own, steps
+    return values, rates, slopes, steps
 
 
 @compiled_in_any_order
-def over_all_variables(nodes, slopes, own, rates, rows, columns, counts, T):
+def over_all_variables(nodes, slopes, profile_slopes, rates, rows, columns, counts, T):
     """Slopes (R, nx) over x of functions of the states at nodes (R,) with slopes (R, S) over these.
 
     Args:
@@ -277,9 +277,9 @@ def over_all_variables(nodes, slopes, own, rates, rows, columns, counts, T):
         columns, counts: (G, maximum number of variables) and (G,), the variables of each group.
         T: (N, nx), d time / dx.
     """
-    found = np.empty((len(nodes), T.shape[1]))
+    values = np.empty((len(nodes), T.shape[1]))
     for r in range(len(nodes)):
-        i, rate, row, on = nodes[r], 0.0, found[r], slopes[r]
+        i, rate, row, on = nodes[r], 0.0, values[r], slopes[r]
         for k in range(len(on)):
             rate += on[k] * rates[k, i]
         for x in range(len(row)):
@@ -287,9 +287,9 @@ def over_all_variables(nodes, slopes, own, rates, rows, columns, counts, T):
         for g in range(len(rows)):
             a, b, c = on[rows[g, 0]], on[rows[g, 1]], on[rows[g, 2]]
             for p in range(counts[g]):
-                of = own[g, p]
+                of = profile_slopes[g, p]
                 row[columns[g, p]] += a * of[0, i] + b * of[1, i] + c * of[2, i]
-    return found
+    return values
 
 
 @compiled_in_any_order
@@ -323,26 +323,26 @@ def place(r, c):
 
 
 @compiled_in_any_order
-def slopes_at_all_nodes(on, own, rates, rows, columns, counts, T):
+def slopes_at_all_nodes(on, profile_slopes, rates, rows, columns, counts, T):
     """As `over_all_variables`, one function at each node: slopes (nx, N) for slopes on (S, N)."""
-    found, along = np.zeros((T.shape[1], T.shape[0])), np.zeros(T.shape[0])
+    values, along = np.zeros((T.shape[1], T.shape[0])), np.zeros(T.shape[0])
     for k in range(len(on)):
         for i in range(len(along)):
             along[i] += on[k, i] * rates[k, i]
-    for x in range(len(found)):
+    for x in range(len(values)):
         for i in range(len(along)):
-            found[x, i] = along[i] * T[i, x]
+            values[x, i] = along[i] * T[i, x]
     for g in range(len(rows)):
         for p in range(counts[g]):
-            target, of = found[columns[g, p]], own[g, p]
+            target, of = values[columns[g, p]], profile_slopes[g, p]
             for k in range(3):
                 for i in range(len(along)):
                     target[i] += on[rows[g, k], i] * of[k, i]
-    return found
+    return values
 
 
 @compiled
-def add_curvature(hessian, H, own, rates, rows, columns, counts, on_t, mixed):
+def add_curvature(hessian, H, profile_slopes, rates, rows, columns, counts, on_t, mixed):
     """Add the sum over nodes of S' H S, S = d states / dx, as far as it is over variables of the groups.
 
     Args:
@@ -361,17 +361,17 @@ def add_curvature(hessian, H, own, rates, rows, columns, counts, on_t, mixed):
     for g in range(len(rows)):
         for p in range(counts[g]):
             for k in range(3):
-                _add_product(mixed[columns[g, p]], own[g, p, k], bent[rows[g, k]])
+                _add_product(mixed[columns[g, p]], profile_slopes[g, p, k], bent[rows[g, k]])
     for g in range(len(rows)):
         x, y, z = rows[g, 0], rows[g, 1], rows[g, 2]
         for p in range(counts[g]):
-            of, column = own[g, p], columns[g, p]
+            of, column = profile_slopes[g, p], columns[g, p]
             for other in range(g + 1):
                 a, b, c = rows[other, 0], rows[other, 1], rows[other, 2]
                 for r in (a, b, c):
                     _put_three(bent[r], H[place(r, x)], of[0], H[place(r, y)], of[1], H[place(r, z)], of[2])
                 for k in range(p + 1 if other == g else counts[other]):
-                    by, row = own[other, k], columns[other, k]
+                    by, row = profile_slopes[other, k], columns[other, k]
                     total = _sum_of_three(by[0], bent[a], by[1], bent[b], by[2], bent[c])
                     hessian[row, column] += total
                     if other != g or k != p:

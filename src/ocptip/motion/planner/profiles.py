@@ -146,7 +146,9 @@ class Profiles:
                 self._constant_d_times[joint, k] = row
                 if k < 2 * K + 1:
                     row[K + k // 2 if k % 2 == 0 else 2 * K + 1 + k // 2] = 1.0
-        self._optimised, self._passive = (np.array(own, dtype=np.int64) for own in (layout.joints, moving))
+        self._optimised, self._passive = (
+            np.array(joints, dtype=np.int64) for joints in (layout.joints, moving)
+        )
         self._cruises = np.abs(self.way[moving]) / speed_limits[moving]
 
     def start_at(self, x: np.ndarray) -> np.ndarray:
@@ -188,8 +190,8 @@ class Profiles:
         if self.passive_joints:
             regime = self.regime(end) if regime is None else regime
             forms = np.array([regime[joint] for joint in self.passive_joints])
-            own = self._passive, self.way[self._passive], self._cruises, float(self.rounding), forms
-            put_passive_corners(end, *own, steps, times, d_steps, d_times, second)
+            tables = self._passive, self.way[self._passive], self._cruises, float(self.rounding), forms
+            put_passive_corners(end, *tables, steps, times, d_steps, d_times, second)
         return Corners(steps, times, d_steps, d_times, ramps, second)
 
     def add_second(
@@ -233,18 +235,18 @@ class ActingCourse:
 
         The variables of the process are those of the duration; what varies over time has none.
         """
-        at, length, first = times @ x, 1.0, len(states.values) - self.acts.size
+        share, length, first = times @ x, 1.0, len(states.values) - self.acts.size
         if (profile := self.acts.drive_profile) is not None:
-            states.values[-BASE:], states.rates[-BASE:] = profile.rows(at).T, profile.rows(at, 1).T
+            states.values[-BASE:], states.rates[-BASE:] = profile.rows(share).T, profile.rows(share, 1).T
         if (process := self.acts.process) is None:
             return
         if process.over != TIME:
             length = self.end @ x
-            at = at / length
-        slopes, own = process.slopes(at).T / length, slice(first, first + 6)
-        states.values[own], states.rates[own] = np.hstack(process.at(at)).T, slopes
+            share = share / length
+        slopes, block = process.slopes(share).T / length, slice(first, first + 6)
+        states.values[block], states.rates[block] = np.hstack(process.at(share)).T, slopes
         for p, column in enumerate(self.of_duration if derivatives else []):
-            change = -self.end[column] * at * slopes
+            change = -self.end[column] * share * slopes
             states.own[first // 3 : first // 3 + 2, p] = change.reshape(2, 3, -1)
 
     def add_second(self, hessian: np.ndarray, x: np.ndarray, times: np.ndarray, weights: np.ndarray) -> None:
@@ -256,10 +258,10 @@ class ActingCourse:
         if process is None or process.over == TIME:
             return
         length = self.end @ x
-        at = times @ x / length
-        weight = np.sum(weights[:6] * process.slopes(at).T, axis=0)
+        share = times @ x / length
+        weight = np.sum(weights[:6] * process.slopes(share).T, axis=0)
         mixed = np.outer(weight @ times, self.end)
-        hessian += (2 * (weight @ at) * np.outer(self.end, self.end) - mixed - mixed.T) / length**2
+        hessian += (2 * (weight @ share) * np.outer(self.end, self.end) - mixed - mixed.T) / length**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,8 +286,10 @@ class NodeStates:
     def over_all(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         """Slopes (R, nx) over x of functions at nodes (R,) with slopes (R, S) over the states."""
         assert slopes.shape[1] == len(self.values)
-        of, own = self.nodes, np.ascontiguousarray
-        return over_all_variables(own(nodes), own(slopes), self.own, self.rates, *of.groups, of.times)
+        of, contiguous = self.nodes, np.ascontiguousarray
+        return over_all_variables(
+            contiguous(nodes), contiguous(slopes), self.own, self.rates, *of.groups, of.times
+        )
 
     def over_all_everywhere(self, slopes: np.ndarray) -> np.ndarray:
         """Slopes (nx, N) over x of one function at each node with slopes (S, N) over the states."""
@@ -310,7 +314,7 @@ class NodeStates:
         on_steps, on_times = np.zeros((2, n, profiles.corners))
         rows, columns, counts = of.groups
         add_curvature(hessian, H, self.own, self.rates, rows, columns, counts, on_t, mixed)
-        own = (
+        tables = (
             corners.steps,
             corners.d_steps,
             corners.d_times,
@@ -318,7 +322,7 @@ class NodeStates:
             profiles.counts,
             profiles.used,
         )
-        add_second_derivatives(hessian, weights, self.steps, *own, T, on_t, mixed, on_steps, on_times)
+        add_second_derivatives(hessian, weights, self.steps, *tables, T, on_t, mixed, on_steps, on_times)
         profiles.add_second(hessian, corners, x, on_steps, on_times)
         mixed = mixed @ T + other
         hessian += mixed + mixed.T
@@ -367,8 +371,10 @@ class Nodes:
         if behind is not None and np.any(behind):
             self._behind = np.ascontiguousarray(np.transpose(behind))
         self._masks, self._late = (
-            np.zeros((0, 0, 0)) if own is None else np.ascontiguousarray(np.moveaxis(own, 0, -1), dtype=float)
-            for own in (masks, late)
+            np.zeros((0, 0, 0))
+            if events is None
+            else np.ascontiguousarray(np.moveaxis(events, 0, -1), dtype=float)
+            for events in (masks, late)
         )
         self.half_width = half_width
         self.kinds = np.zeros(len(times), dtype=int) if kinds is None else kinds
@@ -383,11 +389,11 @@ class Nodes:
             columns[joints, -1] = np.arange(layout.start.start, layout.start.stop)
             counts[joints] += 1
         if self.course is not None:
-            own, size = self.course.of_duration, self.course.acts.size
+            of_duration, size = self.course.of_duration, self.course.acts.size
             rows = np.vstack([rows, 3 * n + np.arange(size).reshape(-1, 3)])
             more = np.zeros((size // 3, columns.shape[1]), dtype=columns.dtype)
-            more[:2, : len(own)] = own
-            numbers = [len(own)] * 2 if self.course.acts.process else []
+            more[:2, : len(of_duration)] = of_duration
+            numbers = [len(of_duration)] * 2 if self.course.acts.process else []
             numbers += [0] * (size // 3 - len(numbers))
             columns, counts = np.vstack([columns, more]), np.append(counts, numbers)
         return np.ascontiguousarray(rows), columns, counts
@@ -409,7 +415,7 @@ class Nodes:
     def _states(self, x: np.ndarray, own_size: int) -> NodeStates:
         profiles, layout = self.profiles, self.profiles.layout
         corners = profiles(x, self.regime)
-        values, rates, own, steps = joint_states(
+        values, rates, profile_slopes, steps = joint_states(
             self.times @ x,
             self._behind,
             self._masks,
@@ -421,8 +427,8 @@ class Nodes:
             *(profiles.counts, profiles.used, 3 * len(self.groups[0]), own_size),
         )
         if layout.free[0] and own_size:
-            own[list(layout.joints), -1, 0] = 1.0
-        states = NodeStates(values, rates, own, self, steps, corners)
+            profile_slopes[list(layout.joints), -1, 0] = 1.0
+        states = NodeStates(values, rates, profile_slopes, self, steps, corners)
         if self.course is not None:
             self.course.put(x, self.times, states, bool(own_size))
         return states

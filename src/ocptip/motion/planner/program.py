@@ -215,8 +215,8 @@ class MotionProgram:
         limits = self.limits
         if near is not None:
             limits = tuple(limit.chosen(self._instants(near)) for limit in limits)
-        own = self.physics, limits, self.layout, self.nodes, self.weights, self._directions.T
-        return MotionProgram(*own, self.structure, self.objective, rows, pull)
+        parts = self.physics, limits, self.layout, self.nodes, self.weights, self._directions.T
+        return MotionProgram(*parts, self.structure, self.objective, rows, pull)
 
     @property
     def n_nodes(self) -> int:
@@ -230,11 +230,13 @@ class MotionProgram:
 
     def near_rows(self, x: np.ndarray, share: float, nodes: slice = slice(None)) -> RowSet:
         """Rows of some nodes whose use of their limit at x is at least `share` (1: at the limit)."""
-        return RowSet(dict(self._of_limits(x, nodes, lambda limit, at: limit.near(at, share), False)))
+        return RowSet(
+            dict(self._of_limits(x, nodes, lambda limit, instants: limit.near(instants, share), False))
+        )
 
     def use(self, x: np.ndarray, nodes: slice = slice(None)) -> np.ndarray:
         """Worst use of any limit at some nodes: 1 at the limit, more beyond; rows need not take part."""
-        uses = self._of_limits(x, nodes, lambda limit, at: limit.use(at), -np.inf)
+        uses = self._of_limits(x, nodes, lambda limit, instants: limit.use(instants), -np.inf)
         return np.max([values for _, values in uses], axis=0)
 
     def _of_limits(
@@ -285,14 +287,14 @@ class MotionProgram:
 
     def carried(self, multipliers: np.ndarray, rows: RowSet) -> np.ndarray:
         """Multipliers of a program with other rows at the first of these nodes, for this program's rows."""
-        at = len(self.structure.lower)
-        result = [multipliers[:at]]
+        index = len(self.structure.lower)
+        result = [multipliers[:index]]
         for name, new in self.rows.masks.items():
             old = rows[name]
             full, size = np.zeros(new.shape), np.count_nonzero(old)
-            full[: len(old)][old] = multipliers[at : at + size]
+            full[: len(old)][old] = multipliers[index : index + size]
             result.append(full[new])
-            at += size
+            index += size
         return np.concatenate(result)
 
     def solve(self, x: np.ndarray, **options: Any) -> Solution:
@@ -313,35 +315,37 @@ class MotionProgram:
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """Gradient of the objective (nx,)."""
-        at = self._evaluate(x)
-        if self._sloped is None or self._sloped[0] is not at:  # Ipopt asks twice
-            self._sloped = at, self._gradient(at, x)
+        evaluation = self._evaluate(x)
+        if self._sloped is None or self._sloped[0] is not evaluation:  # Ipopt asks twice
+            self._sloped = evaluation, self._gradient(evaluation, x)
         return self._sloped[1]
 
-    def _gradient(self, at: Evaluation, x: np.ndarray) -> np.ndarray:
-        gradient = at.nodes.y[:, POWER] @ self.weights + at.nodes.of_power @ at.durations
+    def _gradient(self, evaluation: Evaluation, x: np.ndarray) -> np.ndarray:
+        gradient = (
+            evaluation.nodes.y[:, POWER] @ self.weights + evaluation.nodes.of_power @ evaluation.durations
+        )
         gradient = self.objective.energy_weight * gradient / self.objective.size
         gradient[self.layout.end] += self.objective.time_weight / self.objective.size
         return gradient + self.pull.weight * (x - self.pull.anchor) if self.pull else gradient
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Jacobian of the rows (rows, nx)."""
-        at = self._evaluate(x)
-        parts = [limit.jacobian(rows) for limit, rows in zip(self._used, at.rows, strict=True)]
-        return np.concatenate([at.of_structure, *parts])
+        evaluation = self._evaluate(x)
+        parts = [limit.jacobian(rows) for limit, rows in zip(self._used, evaluation.rows, strict=True)]
+        return np.concatenate([evaluation.of_structure, *parts])
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
         """Hessian of sigma * objective + multipliers . rows."""
-        at = self._evaluate(x)
-        nodes, of_energy = at.nodes, sigma * self.objective.energy_weight / self.objective.size
+        evaluation = self._evaluate(x)
+        nodes, of_energy = evaluation.nodes, sigma * self.objective.energy_weight / self.objective.size
         first, parts = len(self.structure.lower), list[tuple[Limit, NodeRows, np.ndarray]]()
         on_g = multipliers[:first]
-        for limit, rows in zip(self._used, at.rows, strict=True):
+        for limit, rows in zip(self._used, evaluation.rows, strict=True):
             last = first + len(rows.values)
             parts.append((limit, rows, multipliers[first:last]))
             first = last
         on_y = np.zeros(nodes.y.shape)
-        on_y[:, POWER] = of_energy * at.durations
+        on_y[:, POWER] = of_energy * evaluation.durations
         for limit, rows, on in parts:
             limit.add_to_quantities(rows, on, on_y)
         H = self.physics.hessian(nodes.physics, on_y)
@@ -382,6 +386,6 @@ class MotionProgram:
         if self.pull:
             away = x - self.pull.anchor
             cost += 0.5 * self.pull.weight * float(away @ away)
-        values = cost, np.concatenate([values, *(own.values for own in rows)])
+        values = cost, np.concatenate([values, *(row.values for row in rows)])
         self._last = Evaluation(key, nodes, durations, of_structure, rows, values)
         return self._last

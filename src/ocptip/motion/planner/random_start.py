@@ -65,8 +65,8 @@ def random_start(
 
     def badness(motion: Trajectory) -> tuple[float, float]:
         times = motion.quadrature(2)[0]
-        at = Instants.of_states(robot.during(motion), *motion.states(times), times)
-        use = max((float(np.max(limit.use(at))) for limit in braked), default=0.0)
+        instants = Instants.of_states(robot.during(motion), *motion.states(times), times)
+        use = max((float(np.max(limit.use(instants))) for limit in braked), default=0.0)
         return max(use, 1.0), objective.cost(robot.energy(motion), motion.end)
 
     return min(candidates, key=badness)
@@ -122,8 +122,8 @@ def _candidate(
                 RampCommand(
                     t,
                     *(
-                        apart * most[joint] * rng.uniform(slowest, 1) + (1 - apart) * own[joint]
-                        for most, own in zip((speed, acceleration), even, strict=True)
+                        apart * most[joint] * rng.uniform(slowest, 1) + (1 - apart) * even_limit[joint]
+                        for most, even_limit in zip((speed, acceleration), even, strict=True)
                     ),
                 )
                 for t in targets
@@ -142,8 +142,8 @@ def _candidate(
 def _path_violation(robot: StandingMechanism, motion: Trajectory, limits: tuple[Limit, ...]) -> float:
     """The largest violation of limits along the path, at rest at each point: 0 or less if there is none."""
     times = np.linspace(0, motion.end, INSTANTS)
-    at = Instants.at_rest(robot.during(motion), motion.states(times)[0], times)
-    return float(np.max([limit.path_excess(at) for limit in limits]))
+    resting = Instants.at_rest(robot.during(motion), motion.states(times)[0], times)
+    return float(np.max([limit.path_excess(resting) for limit in limits]))
 
 
 def pace_that_stands(
@@ -158,7 +158,7 @@ def pace_that_stands(
     q, qd, qdd = motion.states(times)
     for pace in paces:
         acting = robot if not robot.acts.size else robot.during(motion.time_scaled(pace))
-        at = Instants.of_states(acting, q, qd / pace, qdd / pace**2, pace * times)
-        if all(limit.kept(at) for limit in limits if limit.of_contacts):
+        instants = Instants.of_states(acting, q, qd / pace, qdd / pace**2, pace * times)
+        if all(limit.kept(instants) for limit in limits if limit.of_contacts):
             return pace
     return None

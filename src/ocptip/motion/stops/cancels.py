@@ -100,9 +100,9 @@ class SafeDecelerations:
         ]
         texts = []
         for unit, word in (("rad", "deg/s^2"), ("m", "m/s^2")):
-            own = [share * value for value, of in zip(values, self.units, strict=True) if of == unit]
-            if own:
-                ends = dict.fromkeys(f"{rounded_down(end):g}" for end in (min(own), max(own)))
+            scaled = [share * value for value, of in zip(values, self.units, strict=True) if of == unit]
+            if scaled:
+                ends = dict.fromkeys(f"{rounded_down(end):g}" for end in (min(scaled), max(scaled)))
                 texts.append(f"{' to '.join(ends)} {word}")
         return " and ".join(texts)
 
@@ -183,21 +183,21 @@ class SafeDecelerations:
         }
 
 
-def in_all(found: Collection[SafeDecelerations]) -> str:
+def in_all(collection: Collection[SafeDecelerations]) -> str:
     """One proposal for all segments of a cycle, for a controller has one deceleration."""
-    highest = [own.maximum for own in found if own.maximum is not None]
-    lowest = [own.minimum for own in found if own.minimum is not None]
-    if len(highest) == len(found) and max(lowest) <= min(highest):
+    highest = [levels.maximum for levels in collection if levels.maximum is not None]
+    lowest = [levels.minimum for levels in collection if levels.minimum is not None]
+    if len(highest) == len(collection) and max(lowest) <= min(highest):
         least, greatest = -rounded_down(-100 * max(lowest)), rounded_down(100 * min(highest))
         text = f"all segments: safe at {least:g} to {greatest:g} %"
-        if all(own.hardest.safe for own in found):
+        if all(levels.hardest.safe for levels in collection):
             return text
         plan = f"plan with --stop-safe cancel --deceleration {greatest:g}%"
         return f"{text}; set at most that in the controller, or {plan}"
     text = "all segments: no deceleration is safe in all of them"
-    if any(own.together or own.planned for own in found):
+    if any(levels.together or levels.planned for levels in collection):
         return text
-    shares = [own.gentlest for own in found]
+    shares = [levels.gentlest for levels in collection]
     gentle = f" --deceleration {100 * max(filter(None, shares)):g}%" if all(shares) else ""
     return f"{text}. To plan for it, try ocptip plan with --stop-safe cancel{gentle}"
 
@@ -222,13 +222,13 @@ def safe_decelerations(
         close: of the share, to which the ends are determined; 1: no closer than `SHARES`.
         most: the largest share that is checked, if it is above 1.
     """
-    found: dict[float, CancelLevel] = {}
+    table: dict[float, CancelLevel] = {}
     level_of = _levels(robot, motion, limits, cancel)
 
     def level(share: float) -> CancelLevel:
-        if share not in found:
-            found[share] = level_of(share)
-        return found[share]
+        if share not in table:
+            table[share] = level_of(share)
+        return table[share]
 
     def safe(share: float) -> float | None:
         return share if level(share).safe else None
@@ -259,7 +259,7 @@ def safe_decelerations(
         of_limits=of_limits,
         together=cancel.together,
         planned=limits.cancel is not None,
-        levels=tuple(found[share] for share in sorted(found, reverse=True)),
+        levels=tuple(table[share] for share in sorted(table, reverse=True)),
         minimum=minimum,
         maximum=maximum,
         within=limits.tolerance.title if limits.tolerance.given else "",
@@ -279,24 +279,26 @@ def _levels(
     cases = [worst_case_of(robot, tolerance, k).up_to(getattr(limits, SLIP_WITHIN)) for k in every]
 
     def level(share: float) -> CancelLevel:
-        own = replace(cancel, decelerations=tuple(share * a for a in cancel.decelerations))
-        checks = (CancelCheck(robot, own, exact=False, interface=k) for k in range(len(robot.interfaces)))
-        found = stops = next(checks).stops(q, qd, process)
+        scaled = replace(cancel, decelerations=tuple(share * a for a in cancel.decelerations))
+        checks = (CancelCheck(robot, scaled, exact=False, interface=k) for k in range(len(robot.interfaces)))
+        result = stops = next(checks).stops(q, qd, process)
         broken, lost = list[str](), np.zeros(len(q), dtype=bool)
         for footing in robot.interfaces:
-            lost = (found.GN > own.GN) | (found.GT > own.GT)
+            lost = (result.GN > scaled.GN) | (result.GT > scaled.GT)
             if lost.any():
                 when = f"when cancelled at {100 * np.mean(lost):.3g} % of the instants"
-                broken.append(f"{_contact_words(footing, own, np.max(found.GN), np.max(found.GT))} {when}")
+                broken.append(
+                    f"{_contact_words(footing, scaled, np.max(result.GN), np.max(result.GT))} {when}"
+                )
                 break  # further interfaces need not be evaluated
             if check := next(checks, None):
-                found = check.stops(q, qd, process)
-        longest, torque = float(np.max(stops.rests)) + own.reaction, float(np.max(stops.drives))
+                result = check.stops(q, qd, process)
+        longest, torque = float(np.max(stops.rests)) + scaled.reaction, float(np.max(stops.drives))
         over, joint = stops.outside
         known = np.isfinite(stops.clearance)
         way = []
-        if longest > own.longest:
-            way.append(f"a stop takes {longest:.3g} s, must be <= {own.longest:g}")
+        if longest > scaled.longest:
+            way.append(f"a stop takes {longest:.3g} s, must be <= {scaled.longest:g}")
         if over > _KEPT:
             off = f"{np.degrees(over):.3g} deg" if robot.units[joint] == "rad" else f"{1e3 * over:.3g} mm"
             way.append(f"{robot.names[joint]} leaves its limits by {off}")
@@ -307,12 +309,12 @@ def _levels(
         for footing, of_contacts in zip(robot.interfaces, cases, strict=False):
             if broken or way:
                 break  # nothing else need be evaluated
-            worst = worst_of_cancels(of_contacts, motion, own, times)
-            for name, at in zip(WITHIN_OF, worst, strict=True):
-                value = 0.0 if at is None else at.most
+            worst = worst_of_cancels(of_contacts, motion, scaled, times)
+            for name, instant in zip(WITHIN_OF, worst, strict=True):
+                value = 0.0 if instant is None else instant.most
                 if value > getattr(limits, WITHIN_OF[name]):
                     most = {"GN": limits.GN_worst_case, "GT": limits.GT_worst_case}
-                    bounds = replace(own, **most)
+                    bounds = replace(scaled, **most)
                     words = _contact_words(footing, bounds, *(value if name == n else 0.0 for n in most))
                     broken.append(f"{words} within {tolerance.title}")
                     break  # slip need not be evaluated
@@ -335,16 +337,18 @@ def _levels(
 
 def _contact_words(footing: Footing, limits: Cancel, GN: float, GT: float) -> str:
     """Which limits of the contacts are broken, and by how much, in N m and per cent."""
-    reference, found = footing.tip_over.reference_moment, []
+    reference, contact_words = footing.tip_over.reference_moment, []
     name, of = (footing.name, f" of {footing.name}") if footing.name != BASE else ("the base", "")
     if GN > limits.GN:
         left, least = (quantity(moment_at(index, reference), "N m", 3) for index in (GN, limits.GN))
-        found.append(f"{name} tips" if GN >= 1 else f"the tipping margin{of} is {left}, must be >= {least},")
+        contact_words.append(
+            f"{name} tips" if GN >= 1 else f"the tipping margin{of} is {left}, must be >= {least},"
+        )
     if GT > limits.GT:
-        slips = "slips" if found and GN >= 1 else f"{name} slips"
+        slips = "slips" if contact_words and GN >= 1 else f"{name} slips"
         used = f"{percent(GT)} of the friction{of} are used, must be <= {percent(limits.GT)},"
-        found.append(slips if GT >= 1 else used)
-    return " and ".join(found)
+        contact_words.append(slips if GT >= 1 else used)
+    return " and ".join(contact_words)
 
 
 def rounded_down(value: float) -> float:

@@ -68,22 +68,22 @@ class Stops:
     unknown: tuple[Worst, ...] = ()
 
     @property
-    def found(self) -> list[str]:
+    def summary(self) -> list[str]:
         """In words: the worst of each category."""
-        found = []
+        results = []
         if path := self.worst.get("path"):
             share = float(np.min(self.speeds["path"]))
             safe = "the planned speed" if share == 1 else f"{100 * share:.0f} % of the planned speed"
             longest = f"rests within {path['longest_stop_s']:.3f} s, safe up to {safe}"
-            found.append(f"along the path (category 1 and 2): {_contact_text(path)}, {longest}")
+            results.append(f"along the path (category 1 and 2): {_contact_text(path)}, {longest}")
         for kind, title in _BY_JOINT.items():
             if worst := self.worst.get(kind):
                 later = f", {worst['after_s']:.3f} s later" if worst["after_s"] >= _SHOWN else ""
                 text = f"{_contact_text(worst)}, worst when stopped at {worst['begun_s']:.3f} s{later}"
                 if kind == "brakes" and self.unknown:
                     text = f"not known, brake torques are not given. With {ASSUMED_BRAKES}: {text}"
-                found.append(f"{title}: {text}")
-        return found
+                results.append(f"{title}: {text}")
+        return results
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -179,7 +179,7 @@ def stops_of(
         if not limits.stoppable:
             return None
         given = {"path": limits.stops, "brakes": limits.brakes, "cancel": limits.cancel}
-        kinds = kinds_of(name for name, own in given.items() if own is not None)
+        kinds = kinds_of(name for name, item in given.items() if item is not None)
     if limits.stops is None and "path" in SCENARIOS[kinds]:
         limits = task.stops.asked(limits)
     return check_stops(task.robot, motion, limits, task.stops, checked, kinds)
@@ -190,8 +190,11 @@ def stops_by_segment(
 ) -> dict[str, Stops]:
     """The checked stops by the names of segments, in their times; the name of a motion is empty."""
     rows = zip(task.segments, motion.segments, checked.segments, strict=True)
-    found = {segment.name: stops_of(segment.task, own, check, kinds) for segment, own, check in rows}
-    return {name: stops for name, stops in found.items() if stops}
+    table = {
+        segment.name: stops_of(segment.task, segment_motion, check, kinds)
+        for segment, segment_motion, check in rows
+    }
+    return {name: stops for name, stops in table.items() if stops}
 
 
 def cancels_by_segment(task: Task, motion: Trajectory) -> dict[str, SafeDecelerations]:
@@ -200,16 +203,16 @@ def cancels_by_segment(task: Task, motion: Trajectory) -> dict[str, SafeDecelera
     None of parallel robots, and while the base drives. Coarse: at `SHARES` only, so
     that it takes little beside a plan. `check_stops` determines the ends.
     """
-    found = {}
-    for segment, own in zip(task.segments, motion.segments, strict=False):
+    table = {}
+    for segment, segment_motion in zip(task.segments, motion.segments, strict=False):
         robot, limits, rules = segment.task.robot, segment.task.limits, segment.task.stops
         if not isinstance(robot, Robot) or robot.acts.end:
             continue
         if np.isfinite(robot.limits.acceleration).all():
             how = {"of_limits": rules.of_limits, "close": 1.0}
             full = rules.cancel(robot, limits, 1.0)
-            found[segment.name] = safe_decelerations(robot, own, limits, full, **how)
-    return found
+            table[segment.name] = safe_decelerations(robot, segment_motion, limits, full, **how)
+    return table
 
 
 def stops_to_dict(task: Task, stops: Mapping[str, Stops]) -> dict[str, Any]:
@@ -222,11 +225,11 @@ def cancels_to_dict(task: Task, cancels: Mapping[str, SafeDecelerations]) -> dic
     return _by_segment(task, "cancel", cancels)
 
 
-def _by_segment(task: Task, key: str, found: Mapping[str, Stops | SafeDecelerations]) -> dict[str, Any]:
-    if not found:
+def _by_segment(task: Task, key: str, result: Mapping[str, Stops | SafeDecelerations]) -> dict[str, Any]:
+    if not result:
         return {}
-    rows = [{"segment": name, **own.to_dict()} for name, own in found.items()]
-    return {key: rows if task.is_cycle else found[""].to_dict()}
+    rows = [{"segment": name, **item.to_dict()} for name, item in result.items()]
+    return {key: rows if task.is_cycle else result[""].to_dict()}
 
 
 def _contact_text(worst: Mapping[str, Any], name: str = "the base") -> str:

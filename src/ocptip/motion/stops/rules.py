@@ -32,8 +32,8 @@ SCENARIOS: dict[Kinds, tuple[str, ...]] = {
 def kinds_of(scenarios: Iterable[str]) -> Kinds:
     """The kinds that ask for these scenarios, or else for all."""
     asked = tuple(scenarios)
-    for kinds, own in SCENARIOS.items():
-        if own == asked:
+    for kinds, scenario in SCENARIOS.items():
+        if scenario == asked:
             return kinds
     return "all"
 
@@ -188,7 +188,7 @@ class StopRules:
         Raises:
             InputError: their number is not the robot's, or they are not given and a torque limit is infinite.
         """
-        found, holds = [], np.zeros(robot.n)
+        results, holds = [], np.zeros(robot.n)
         if self.guessed:
             # A brake whose greatest torque is given has no more than that, even if gravity asks for more.
             most = np.inf if self.brake_max is None else self.brake_max
@@ -202,17 +202,17 @@ class StopRules:
             if not np.isfinite(value).all():
                 joint = int(np.argmin(np.isfinite(value))) + 1
                 raise InputError(f"{name}: joint {joint} has no torque limit; give its brake's torque")
-            found.append(value)
-        if (found[0] > found[1]).any():
-            joint = int(np.argmax(found[0] > found[1]))
-            least, most = (f"{ends[joint]:.6g}" for ends in found)
-            own = [
+            results.append(value)
+        if (results[0] > results[1]).any():
+            joint = int(np.argmax(results[0] > results[1]))
+            least, most = (f"{ends[joint]:.6g}" for ends in results)
+            brakes_here = [
                 "" if ends is not None else f", {share:g} times the torque limit, as none is given"
                 for ends, share in zip((self.brake_min, self.brake_max), BRAKES, strict=True)
             ]
             name = "brake_min" if self.brake_max is None else "brake_max"
             raise InputError(
-                f"{name}: joint {joint + 1}: the minimum, {least}{own[0]}, is above the maximum, "
-                f"{most}{own[1]}"
+                f"{name}: joint {joint + 1}: the minimum, {least}{brakes_here[0]}, is above the maximum, "
+                f"{most}{brakes_here[1]}"
             )
-        return found[0], found[1]
+        return results[0], results[1]

@@ -76,7 +76,7 @@ class StoppedPath:
         """The stop that begins at a place with this share of the planned speed."""
         k = min(int(np.searchsorted(self.places, place)), len(self.places) - 1)
         x, time = speed**2, 0.0
-        found = [(self.places[k], speed, 0.0)]
+        results = [(self.places[k], speed, 0.0)]
         while x > 0 and k + 1 < len(self.places):
             way = self.places[k + 1] - self.places[k]
             later = max(self._after(k, x), 0.0)
@@ -85,9 +85,9 @@ class StoppedPath:
                 u = max(np.max(self._c[k] + self._d[k] * x), -1e300)
                 way = min(way, x / max(-2 * u, 1e-300))
             time += 2 * way / (np.sqrt(x) + np.sqrt(later))
-            found.append((self.places[k] + way, np.sqrt(later), time))
+            results.append((self.places[k] + way, np.sqrt(later), time))
             x, k = later, k + 1
-        places, speeds, times = np.array(found).T
+        places, speeds, times = np.array(results).T
         return Stop(places, speeds, times)
 
     def safe_speeds(self) -> np.ndarray:
@@ -131,17 +131,17 @@ class StoppedPath:
         first = np.array([p + int(np.argmin(fine[p:])) for p in points.starts[bad]])
         start = first == points.starts[bad]
         safe[bad[start]] = 0.0
-        at, first = bad[~start], first[~start]
+        on_path, first = bad[~start], first[~start]
 
         def kept(x: np.ndarray) -> np.ndarray:
-            return self._fine(path.footing, self._wrenches(path, at, x))
+            return self._fine(path.footing, self._wrenches(path, on_path, x))
 
-        safe[at], _ = borders(kept, points.x[first - 1], points.x[first], _HALVINGS)
+        safe[on_path], _ = borders(kept, points.x[first - 1], points.x[first], _HALVINGS)
         return safe
 
-    def _wrenches(self, path: Path, at: np.ndarray, x: np.ndarray) -> np.ndarray:
-        of_u, of_x, rest = (part[at] for part in path.wrenches)
-        u = np.minimum(np.max(self._c[at] + self._d[at] * x[:, None], axis=1), 0.0)
+    def _wrenches(self, path: Path, places: np.ndarray, x: np.ndarray) -> np.ndarray:
+        of_u, of_x, rest = (part[places] for part in path.wrenches)
+        u = np.minimum(np.max(self._c[places] + self._d[places] * x[:, None], axis=1), 0.0)
         return rest + x[:, None] * of_x + np.where(np.isfinite(u), u, 0.0)[:, None] * of_u
 
     def _fine(self, footing: Footing, wrenches: np.ndarray) -> np.ndarray:
@@ -185,29 +185,29 @@ class PathTable:
     def worst(self) -> dict[str, Any]:
         """Worst values of the check, and when the stop passes there."""
         base, *objects = map(self._worst_of, self._interfaces)
-        found = {"longest_stop_s": float(np.max(self.durations)), **base}
-        return found | of_objects(self._interfaces, objects)
+        table = {"longest_stop_s": float(np.max(self.durations)), **base}
+        return table | of_objects(self._interfaces, objects)
 
     def _worst_of(self, footing: Footing) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+        table: dict[str, Any] = {}
         for name in ("GN", "GT"):
             if worst := self._checked.worst.get(footing.result(f"{name}_stop")):
-                found[name] = worst.value
-                found[f"{name}_at_s"] = worst.time
-                found[f"{name}_detail"] = worst.detail
-        if "GN" in found:
-            found["tipping_margin_Nm"] = moment_at(found["GN"], footing.tip_over.reference_moment)
-        return found
+                table[name] = worst.value
+                table[f"{name}_at_s"] = worst.time
+                table[f"{name}_detail"] = worst.detail
+        if "GN" in table:
+            table["tipping_margin_Nm"] = moment_at(table["GN"], footing.tip_over.reference_moment)
+        return table
 
     def violations(self) -> list[Worst]:
         """None: the check says so."""
         return []
 
 
-def of_objects(interfaces: Sequence[Footing], found: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def of_objects(interfaces: Sequence[Footing], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """The entry of the worst values on objects, by name; none without objects."""
-    names = (own.name for own in interfaces[1:])
-    return {"objects": dict(zip(names, found, strict=True))} if found else {}
+    names = (interface.name for interface in interfaces[1:])
+    return {"objects": dict(zip(names, rows, strict=True))} if rows else {}
 
 
 class JointTable(ABC):
@@ -237,14 +237,15 @@ class JointTable(ABC):
         self._checks, ((self._times, self._found), *self._of_objects) = checks, stops
         q, qd, _ = motion.states(times)
         process = robot.during(motion).acting(times)
-        own = [check.stops(q, qd, process) for check in checks]
-        self.durations = own[0].rests
-        self.speeds = self._safe(q, qd, process, self._kept(own))
+        runs = [check.stops(q, qd, process) for check in checks]
+        self.durations = runs[0].rests
+        self.speeds = self._safe(q, qd, process, self._kept(runs))
 
     def _kept(self, stops: Sequence[JointStops]) -> np.ndarray:
         """(N,) whether all contacts are kept, and everything comes to rest."""
         kept = [
-            (own.GN <= self._rule.GN) & (own.GT <= self._rule.GT) & np.isfinite(own.rests) for own in stops
+            (stop.GN <= self._rule.GN) & (stop.GT <= self._rule.GT) & np.isfinite(stop.rests)
+            for stop in stops
         ]
         return np.all(kept, axis=0)
 
@@ -261,36 +262,36 @@ class JointTable(ABC):
 
     def worst(self) -> dict[str, Any]:
         """Values and where they are."""
-        found, units, interfaces = self._found, self._robot.units, self._robot.interfaces
-        base, i = self._worst_of(interfaces[0], self._times, found)
+        result, units, interfaces = self._found, self._robot.units, self._robot.interfaces
+        base, i = self._worst_of(interfaces[0], self._times, result)
         pairs = zip(interfaces[1:], self._of_objects, strict=True)
         objects = [self._worst_of(footing, *stops)[0] for footing, stops in pairs]
-        over, joint = found.outside
+        over, joint = result.outside
         displacements = [
             float(way) if unit == "m" else float(np.rad2deg(way))
-            for way, unit in zip(np.max(found.displacements, axis=0), units, strict=True)
+            for way, unit in zip(np.max(result.displacements, axis=0), units, strict=True)
         ]
         return {
             **base,
             **self._more(i),
-            "longest_stop_s": float(np.max(found.rests)) if np.isfinite(found.rests).all() else None,
+            "longest_stop_s": float(np.max(result.rests)) if np.isfinite(result.rests).all() else None,
             "ways": {"values": displacements, "units": ["m" if unit == "m" else "deg" for unit in units]},
             "beyond_angle_limit": max(over, 0.0),
             "joint_nearest_its_limit": joint + 1,
-            "clearance_m": found.clearance if np.isfinite(found.clearance) else None,
-            "postures_looked_at": found.postures,
+            "clearance_m": result.clearance if np.isfinite(result.clearance) else None,
+            "postures_looked_at": result.postures,
             **of_objects(interfaces, objects),
         }
 
-    def _worst_of(self, footing: Footing, times: np.ndarray, found: JointStops) -> tuple[dict[str, Any], int]:
+    def _worst_of(self, footing: Footing, times: np.ndarray, stops: JointStops) -> tuple[dict[str, Any], int]:
         """Values of the contacts, and the number of the worst stop."""
-        i, greatest = int(np.argmax(np.maximum(found.GN, found.GT))), float(np.max(found.GN))
+        i, greatest = int(np.argmax(np.maximum(stops.GN, stops.GT))), float(np.max(stops.GN))
         return {
             "GN": greatest,
-            "GT": float(np.max(found.GT)),
+            "GT": float(np.max(stops.GT)),
             "tipping_margin_Nm": moment_at(greatest, footing.tip_over.reference_moment),
             "begun_s": float(times[i]),
-            "after_s": float(found.after[i]),
+            "after_s": float(stops.after[i]),
         }, i
 
     def _more(self, i: int) -> dict[str, Any]:
@@ -299,19 +300,19 @@ class JointTable(ABC):
 
     def violations(self) -> list[Worst]:
         """The broken limits."""
-        rule, found, further = self._rule, self._found, self._own_violations()
-        over, joint = found.outside
+        rule, result, further = self._rule, self._found, self._own_violations()
+        over, joint = result.outside
         if over > CLOSE:
             turns = self._robot.units[joint] == "rad"
             off = f"{np.degrees(over):.3g} deg" if turns else f"{1e3 * over:.3g} mm"
             further.append(statement(f"{self._robot.names[joint]} leaves its limits by {off}"))
-        if found.clearance < self._limits.clearance:
-            gap, asked = 1e3 * found.clearance, 1e3 * self._limits.clearance
-            where = found.collision_words(self._robot, self._times)
+        if result.clearance < self._limits.clearance:
+            gap, asked = 1e3 * result.clearance, 1e3 * self._limits.clearance
+            where = result.collision_words(self._robot, self._times)
             values = round(gap, 1), np.nan, round(asked, 1)
             further.append(Worst("clearance", *values, f", {where}", asked - gap, True, self.words, "mm"))
         contacts = []
-        every = zip(self._robot.interfaces, ((self._times, found), *self._of_objects), strict=True)
+        every = zip(self._robot.interfaces, ((self._times, result), *self._of_objects), strict=True)
         for footing, (times, stops) in every:
             for name, limit in (("GN", rule.GN), ("GT", rule.GT)):
                 values = getattr(stops, name)
@@ -342,9 +343,9 @@ class BrakeTable(JointTable):
         self, robot: Robot, motion: Trajectory, limits: Limits, brakes: Brakes, times: np.ndarray
     ) -> None:
         every = range(len(robot.interfaces))
-        found = [stops_of_motion(robot, motion, brakes, interface=interface) for interface in every]
+        results = [stops_of_motion(robot, motion, brakes, interface=interface) for interface in every]
         checks = [BrakeCheck(robot, brakes, interface) for interface in every]
-        super().__init__(robot, motion, limits, brakes, found, checks, times)
+        super().__init__(robot, motion, limits, brakes, results, checks, times)
         self._least = np.array(brakes.least)
 
     @property
@@ -385,9 +386,9 @@ class CancelTable(JointTable):
         self, robot: Robot, motion: Trajectory, limits: Limits, cancel: Cancel, times: np.ndarray
     ) -> None:
         every = range(len(robot.interfaces))
-        found = [cancelled_motion(robot, motion, cancel, interface) for interface in every]
+        results = [cancelled_motion(robot, motion, cancel, interface) for interface in every]
         checks = [CancelCheck(robot, cancel, interface=interface) for interface in every]
-        super().__init__(robot, motion, limits, cancel, found, checks, times)
+        super().__init__(robot, motion, limits, cancel, results, checks, times)
         self._cancel, self._within = cancel, dict[str, WorstInstant]()
         self.durations = self.durations + cancel.reaction
         for interface, footing in enumerate(robot.interfaces if limits.tolerance.given else ()):
@@ -401,42 +402,44 @@ class CancelTable(JointTable):
     def _in_check(self) -> bool:
         return self._limits.cancel is not None
 
-    def _worst_of(self, footing: Footing, times: np.ndarray, found: JointStops) -> tuple[dict[str, Any], int]:
+    def _worst_of(self, footing: Footing, times: np.ndarray, stops: JointStops) -> tuple[dict[str, Any], int]:
         """The same, and what the contacts have within the uncertainty."""
-        worst, i = super()._worst_of(footing, times, found)
+        worst, i = super()._worst_of(footing, times, stops)
         for name in WITHIN_OF:
-            if at := self._within.get(footing.result(name)):
-                worst[f"{name}_within"] = at.most
+            if when := self._within.get(footing.result(name)):
+                worst[f"{name}_within"] = when.most
                 if name == "GN":
                     reference = footing.tip_over.reference_moment
-                    worst["tipping_margin_within_Nm"] = moment_at(at.most, reference)
+                    worst["tipping_margin_within_Nm"] = moment_at(when.most, reference)
         return worst, i
 
     def _more(self, i: int) -> dict[str, Any]:
-        found, robot, cancel = self._found, self._robot, self._cancel
-        margins = Margins.under(found.wrenches, robot.tip_over, robot.slip)
+        result, robot, cancel = self._found, self._robot, self._cancel
+        margins = Margins.under(result.wrenches, robot.tip_over, robot.slip)
         force = float(np.min(margins.min_foot_force))
         return {
             "deceleration": list(cancel.decelerations),
             "reaction_s": cancel.reaction,
             "tipping_margin_Nm": float(np.min(margins.tipping_moment)),
             "foot_force_N": force if np.isfinite(force) else None,
-            "torque_ratio": float(np.max(found.drives)),
-            **{f"{name[:2]}_worst_case{name[2:]}": at.to_dict() for name, at in self._within.items()},
+            "torque_ratio": float(np.max(result.drives)),
+            **{f"{name[:2]}_worst_case{name[2:]}": when.to_dict() for name, when in self._within.items()},
         }
 
     def _own_violations(self) -> list[Worst]:
-        broken, cancel, found = [], self._cancel, self._found
-        for name, at in {} if self._in_check else self._within.items():
-            if at.most > (limit := getattr(self._limits, WITHIN_OF[name[:2]])):
-                how = f" within the uncertainty ({at.how})"
-                broken.append(Worst(name, at.most, at.time, limit, how, at.most - limit, False, self.words))
-        i = int(np.argmax(found.drives))
-        if found.drives[i] > 1 + CLOSE:
-            needs = f"a drive needs {100 * found.drives[i]:.0f} % of its torque limit"
+        broken, cancel, result = [], self._cancel, self._found
+        for name, when in {} if self._in_check else self._within.items():
+            if when.most > (limit := getattr(self._limits, WITHIN_OF[name[:2]])):
+                how = f" within the uncertainty ({when.how})"
+                broken.append(
+                    Worst(name, when.most, when.time, limit, how, when.most - limit, False, self.words)
+                )
+        i = int(np.argmax(result.drives))
+        if result.drives[i] > 1 + CLOSE:
+            needs = f"a drive needs {100 * result.drives[i]:.0f} % of its torque limit"
             broken.append(statement(f"{needs} in a cancel begun at {self._times[i]:.4f} s"))
-        i = int(np.argmax(found.rests))
-        longest = float(found.rests[i]) + cancel.reaction
+        i = int(np.argmax(result.rests))
+        longest = float(result.rests[i]) + cancel.reaction
         if longest > cancel.longest and not self._in_check:
             takes = f"takes {longest:.3g} s, must be <= {cancel.longest:.3g} s"
             broken.append(statement(f"a cancel begun at {self._times[i]:.4f} s {takes}"))

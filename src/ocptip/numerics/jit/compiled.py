@@ -166,10 +166,10 @@ class MachineCode:
         if not self._results:
             return None
         numbers = list(self._unpack.unpack_from(results))
-        found = [_taken(kind, numbers) for kind in self._results]
+        entries = [_taken(kind, numbers) for kind in self._results]
         if memory:
             self._release(ctypes.byref(memory), None)
-        return tuple(found) if len(found) > 1 else found[0]
+        return tuple(entries) if len(entries) > 1 else entries[0]
 
 
 def _callee(value: Any) -> tuple[FunctionType, bool] | None:

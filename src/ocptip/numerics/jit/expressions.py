@@ -109,11 +109,11 @@ class Expressions:
     def _address(self, array: Value, indices: Sequence[ir.Value]) -> ir.Value:
         """Of an element, or of the first one of a part that leaves the last dimensions."""
         pointer, *shape = array.parts
-        at = indices[0]
+        address = indices[0]
         for index, size in zip([*indices[1:], *[None] * (len(shape) - len(indices))], shape[1:], strict=True):
-            at = self._build.mul(at, size)
-            at = at if index is None else self._build.add(at, index)
-        return self._build.gep(pointer, [at])
+            address = self._build.mul(address, size)
+            address = address if index is None else self._build.add(address, index)
+        return self._build.gep(pointer, [address])
 
     def _element(self, array: Value, indices: Sequence[ir.Value]) -> Value:
         place, left = self._address(array, indices), array.parts[1 + len(indices) :]
@@ -379,12 +379,12 @@ class Expressions:
         parts = [part for value in values for part in value.parts]
         build.call(callee.function, [self.function.args[0], row, *parts])
         self._holds |= any(kind.dimensions for kind in callee.results)
-        results, at = [], 0
+        results, index = [], 0
         for kind in callee.results:
             count = len(kind.registers)
-            parts = [loaded(build, row, at + i, register) for i, register in enumerate(kind.registers)]
+            parts = [loaded(build, row, index + i, register) for i, register in enumerate(kind.registers)]
             results.append(Value(kind, tuple(parts)))
-            at += count
+            index += count
         return results[0] if len(results) == 1 else tuple(results)
 
     def _method(self, function: ast.Attribute, arguments: Sequence[ast.expr]) -> Value:

@@ -98,13 +98,13 @@ class Lowered(Expressions):
         values = [] if statement.value is None else flat(self._values(statement.value))
         if not self._returned:
             self.results, self._returned = tuple(value.kind for value in values), True
-        at, build = 0, self._build
+        index, build = 0, self._build
         for value, kind in zip(values, self.results, strict=True):
             for part in self._converted(value, kind).parts:
-                place = build.gep(self.function.args[1], [INTEGER(at)])
+                place = build.gep(self.function.args[1], [INTEGER(index)])
                 stored = build.zext(part, INTEGER) if part.type == BIT else part
                 build.store(stored, build.bitcast(place, stored.type.as_pointer()))
-                at += 1
+                index += 1
         build.branch(self._exit)
 
     def _if(self, statement: ast.If) -> None:

@@ -190,8 +190,8 @@ class _Line:
 
     def _function(self, name: str, kind: ir.Type, both: bool) -> ir.Function:
         if name not in self._functions:
-            own = ir.FunctionType(kind, [kind] * (1 + both))
-            self._functions[name] = ir.Function(self._module, own, name)
+            kind_of_function = ir.FunctionType(kind, [kind] * (1 + both))
+            self._functions[name] = ir.Function(self._module, kind_of_function, name)
         return self._functions[name]
 
     def _by_lane(self, function: ir.Function, x: Any, y: Any) -> Any:

@@ -111,17 +111,17 @@ class _Folder:
         flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
         descriptor = self._open(name, flags | getattr(os, "O_BINARY", 0))
         with os.fdopen(descriptor, "rb") as stream:
-            own = stat.S_ISREG(os.fstat(descriptor).st_mode) and _is_private(descriptor)
-            return stream.read() if own else None
+            private = stat.S_ISREG(os.fstat(descriptor).st_mode) and _is_private(descriptor)
+            return stream.read() if private else None
 
     def write(self, name: str, content: bytes) -> None:
         temporary = f".{secrets.token_hex(8)}.part"
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-        at = {"src_dir_fd": self._descriptor, "dst_dir_fd": self._descriptor}
+        placing = {"src_dir_fd": self._descriptor, "dst_dir_fd": self._descriptor}
         try:
             with os.fdopen(self._open(temporary, flags), "wb") as stream:
                 stream.write(content)
-            os.replace(self._named(temporary), self._named(name), **at)
+            os.replace(self._named(temporary), self._named(name), **placing)
         except BaseException:
             with contextlib.suppress(OSError):
                 os.unlink(self._named(temporary), dir_fd=self._descriptor)

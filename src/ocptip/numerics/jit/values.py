@@ -48,8 +48,8 @@ class Value:
 Values = Value | tuple["Values", ...]
 
 
-def loaded(build: Any, row: ir.Value, at: int, register: ir.Type) -> ir.Value:
-    place = build.gep(row, [INTEGER(at)])
+def loaded(build: Any, row: ir.Value, position: int, register: ir.Type) -> ir.Value:
+    place = build.gep(row, [INTEGER(position)])
     if register == BIT:
         return build.icmp_signed("!=", build.load(place), INTEGER(0))
     return build.load(build.bitcast(place, register.as_pointer()))

@@ -127,7 +127,7 @@ def assembly_modes(kinematics: Kinematics, qa: ArrayLike) -> AssemblyModes:
     surfaces = []
     for number, leg in enumerate(kinematics.legs):
         of_leg = zip(description.actuated, qa, strict=True)
-        locked = {joint: float(value) for (own, joint), value in of_leg if own == number}
+        locked = {joint: float(value) for (leg_number, joint), value in of_leg if leg_number == number}
         if len(space.entries) == 8 and not space.still and leg.n - leg.point < 3:
             surfaces.append(held_leg(leg, locked))
         else:
@@ -245,9 +245,9 @@ class _System:
                 numbers.append(d / (1.0 if space.turning else scale))
             held = [("angle", a, u, c) for a, u, c in surface.angles]
             held += [("slot", b / scale, n, d / scale) for b, n, d in surface.slots]
-            for name, vector, own, number in held:
+            for name, vector, leg_number, number in held:
                 kinds.append((name, len(points)))
-                points.append(own)
+                points.append(leg_number)
                 vectors.append(vector)
                 numbers.append(number)
         for i in space.still:
@@ -271,8 +271,8 @@ class _System:
         e_h = np.zeros((8, 8))
         e_h[:4, 4:] = e_h[4:, :4] = 0.5 * np.eye(4)
         e_h = e_h[np.ix_(self.entries, self.entries)]
-        own = self._leg_forms()
-        return np.concatenate([own, e_h[None]]) if e_h.any() else own
+        forms = self._leg_forms()
+        return np.concatenate([forms, e_h[None]]) if e_h.any() else forms
 
     def _leg_forms(self) -> np.ndarray:
         out = []
@@ -359,18 +359,18 @@ def _collected(
     space: _Space,
     surfaces: Sequence[LegSurface],
     system: _System,
-    found: tuple[np.ndarray, np.ndarray],
+    result: tuple[np.ndarray, np.ndarray],
     about: tuple[float, float, float],
 ) -> AssemblyModes:
     """Sort the ends, and make real ones to poses."""
     level, scale, begin = about
-    ends, around, _ = polished(system.forms(), found[0])
-    ends = np.where(np.isfinite(around)[:, None], ends, found[0])
+    ends, around, _ = polished(system.forms(), result[0])
+    ends = np.where(np.isfinite(around)[:, None], ends, result[0])
     away = _norm_of_e(ends, space.entries) < _AT_INFINITY
-    regular = np.isfinite(around) & ~away & (found[1] == 1.0)
-    own = np.flatnonzero(regular)[distinct(ends[regular])]
+    regular = np.isfinite(around) & ~away & (result[1] == 1.0)
+    indices = np.flatnonzero(regular)[distinct(ends[regular])]
     real = []
-    for y in ends[own]:
+    for y in ends[indices]:
         turn = np.sqrt(np.sum(y * y))
         y = y * (turn.conj() / abs(turn)) if abs(turn) > _REAL else y
         if np.linalg.norm(y.imag) < _REAL:
@@ -382,9 +382,11 @@ def _collected(
         too_far += mode.residual > _CLOSED * max(scale, 1.0)
         modes += [mode] if mode.residual <= _CLOSED * max(scale, 1.0) else []
     modes.sort(key=lambda mode: tuple(np.round(mode.z, 9)))
-    lost = len(ends) - len(own) - int(away.sum())
+    lost = len(ends) - len(indices) - int(away.sum())
     seconds = time.process_time() - begin
-    return AssemblyModes(qa, tuple(modes), len(ends), len(own), int(away.sum()), lost, int(too_far), seconds)
+    return AssemblyModes(
+        qa, tuple(modes), len(ends), len(indices), int(away.sum()), lost, int(too_far), seconds
+    )
 
 
 def _mode(

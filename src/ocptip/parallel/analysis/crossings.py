@@ -64,7 +64,7 @@ def crossings(kinematics: Kinematics, path: ArrayLike, tolerance: float = _THERE
     complete = not description.coupling_form
     find = kinematics.joints if complete else kinematics.point_joints
     poses = finite_array("path", path, (None, kinematics.m))
-    found: list[Crossing] = []
+    result: list[Crossing] = []
     before: Singularity | None = None
     q: Sequence[np.ndarray] | None = None
     signs: dict[str, float] = {}
@@ -73,11 +73,11 @@ def crossings(kinematics: Kinematics, path: ArrayLike, tolerance: float = _THERE
         now = singularity(kinematics, z, q, complete=complete, tolerance=tolerance)
         signs, last = _signs(kinematics, z, q, now), signs
         if now.mechanical:
-            found.append(Crossing(k, 0.0, now.mechanical, z))
+            result.append(Crossing(k, 0.0, now.mechanical, z))
         elif before is not None and not before.mechanical and start is not None:
-            found += _between(kinematics, find, k - 1, (poses[k - 1], z), start, (last, signs))
+            result += _between(kinematics, find, k - 1, (poses[k - 1], z), start, (last, signs))
         before = now
-    return tuple(found)
+    return tuple(result)
 
 
 def _between(
@@ -98,9 +98,9 @@ def _between(
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
             z = a + middle * (b - a)
-            at = find(z, joints).q
-            if _signs(kinematics, z, at)[kind] == first:
-                low, joints = middle, at
+            joints_there = find(z, joints).q
+            if _signs(kinematics, z, joints_there)[kind] == first:
+                low, joints = middle, joints_there
             else:
                 high = middle
         result.append(Crossing(sample, high, (kind,), a + high * (b - a)))
@@ -108,12 +108,12 @@ def _between(
 
 
 def _signs(
-    kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray], found: Singularity | None = None
+    kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray], result: Singularity | None = None
 ) -> dict[str, float]:
     """Signs of det A and of b, or of the determinants of J_a and of the square leg Jacobians, by what is
     singular where they change."""
     if kinematics.description.coupling_form:
-        pair = implicit_pair(kinematics, z, q) if found is None else found.pair
+        pair = implicit_pair(kinematics, z, q) if result is None else result.pair
         assert pair is not None
         b = zip(kinematics.description.actuated, pair.b, strict=True)
         return {_PLATFORM: _sign(pair.A)} | {f"leg {leg + 1} (type I)": np.sign(v) for (leg, _), v in b}

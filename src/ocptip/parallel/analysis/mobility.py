@@ -70,7 +70,7 @@ def mobility(kinematics: Kinematics) -> Mobility:
     """
     description = kinematics.description
     rng = np.random.default_rng(_SEED)
-    found: list[tuple[int, int, int, int, float]] = []
+    results: list[tuple[int, int, int, int, float]] = []
     problems: list[str] = []
     worst = np.zeros(len(kinematics.legs))
     home = [leg.home for leg in kinematics.legs]
@@ -80,12 +80,12 @@ def mobility(kinematics: Kinematics) -> Mobility:
         except InputError as error:
             problems.append(f"no pose near home can be assembled with all joints: {error}")
             continue
-        found.append(_counts(kinematics, z, q))
+        results.append(_counts(kinematics, z, q))
         motion = kinematics.motion(z, np.zeros(kinematics.m), q, complete=True)
         worst = np.maximum(worst, [leg.mismatch for leg in motion.legs])
-    if not found:
+    if not results:
         raise InputError(f"{description.name}: {problems[0]}")
-    dof, platform, internal, surplus, gap = min(found)
+    dof, platform, internal, surplus, gap = min(results)
     m, motors, idle = description.m, len(description.actuated), sum(leg.idle for leg in kinematics.legs)
     dof, internal = dof - idle, internal - idle
     blocked = np.flatnonzero(worst > 1e-6)
@@ -108,7 +108,7 @@ def mobility(kinematics: Kinematics) -> Mobility:
     if not problems and (reason := singular_everywhere(kinematics)):
         problems.append(reason)
     return Mobility(
-        dof, platform, internal, idle, m, motors, surplus, gap, len(found), tuple(dict.fromkeys(problems))
+        dof, platform, internal, idle, m, motors, surplus, gap, len(results), tuple(dict.fromkeys(problems))
     )
 
 
@@ -146,7 +146,7 @@ def _driven_idlers(kinematics: Kinematics) -> list[str]:
     """Legs whose idle freedoms move one of their motors: that motor would not move the platform alone."""
     problems = []
     for leg in kinematics.legs:
-        driven = [joint for own, joint in kinematics.description.actuated if own == leg.number]
+        driven = [joint for leg_number, joint in kinematics.description.actuated if leg_number == leg.number]
         if leg.idle and np.abs(leg.idle_motions(leg.home)[driven]).max(initial=0.0) > 1e-6:
             problems.append(f"the idle freedom of leg {leg.number + 1} moves its motor")
     return problems

@@ -62,8 +62,8 @@ class Screw:
         direction = (np.round(self.direction, 3) + 0.0).tolist()
         if self.point is None:
             return f"translation along {direction}"
-        at = (np.round(self.point, 3) + 0.0).tolist()
-        return f"rotation about {direction} through {at} m, pitch {round(self.pitch, 4) + 0.0:g} m/rad"
+        point = (np.round(self.point, 3) + 0.0).tolist()
+        return f"rotation about {direction} through {point} m, pitch {round(self.pitch, 4) + 0.0:g} m/rad"
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,13 +249,13 @@ def require_regular(
     Raises:
         SolverError: naming the leg, or the screw that the motors do not hold, and the measures.
     """
-    found = singularity(kinematics, z, q, complete=complete)
-    kinds = [kind for kind in found.mechanical if not (legs_only and kind.startswith("platform"))]
+    result = singularity(kinematics, z, q, complete=complete)
+    kinds = [kind for kind in result.mechanical if not (legs_only and kind.startswith("platform"))]
     if kinds:
-        what = ", ".join(kinds) + _not_held(kinematics, z, q, found, complete=complete)
+        what = ", ".join(kinds) + _not_held(kinematics, z, q, result, complete=complete)
         raise SolverError(
             f"{kinematics.description.name}: singular pose {np.round(z, 6).tolist()}: {what}; measures: legs "
-            f"{found.legs.min():.2g}, platform {found.platform:.2g} (singular: < {SINGULAR:g})"
+            f"{result.legs.min():.2g}, platform {result.platform:.2g} (singular: < {SINGULAR:g})"
         )
 
 
@@ -279,11 +279,11 @@ def singular_everywhere(kinematics: Kinematics) -> str:
                 q = kinematics.joints(z, start).q
             except InputError:
                 continue
-        found = singularity(kinematics, z, q, complete=True)
-        if not found.mechanical:
+        result = singularity(kinematics, z, q, complete=True)
+        if not result.mechanical:
             return ""
         if not k:
-            reason = ", ".join(found.mechanical) + _not_held(kinematics, z, q, found, complete=True)
+            reason = ", ".join(result.mechanical) + _not_held(kinematics, z, q, result, complete=True)
     return f"singular in every checked pose: at home {np.round(home, 6).tolist()} {reason}"
 
 
@@ -320,10 +320,15 @@ def elimination_order(description: RobotDescription, *, complete: bool = False) 
 
 
 def _not_held(
-    kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray], found: Singularity, *, complete: bool
+    kinematics: Kinematics,
+    z: np.ndarray,
+    q: Sequence[np.ndarray],
+    singularity: Singularity,
+    *,
+    complete: bool,
 ) -> str:
     """The screw of a type II singularity in words, where the legs are regular."""
-    if found.platform >= SINGULAR or found.legs.min() < SINGULAR:
+    if singularity.platform >= SINGULAR or singularity.legs.min() < SINGULAR:
         return ""
     return f": the motors do not hold the {free_screw(kinematics, z, q, complete=complete)}"
 

@@ -59,9 +59,9 @@ class Workspace(Record):
     @property
     def shares(self) -> dict[str, float]:
         """Shares of the poses, by cause, and of those inside beyond a singularity."""
-        found = {name: float(np.mean(self.cause == k)) for k, name in enumerate(self.causes)}
+        table = {name: float(np.mean(self.cause == k)) for k, name in enumerate(self.causes)}
         beyond = float(np.mean(self.inside & (self.dexterity < 0)))
-        return {"inside": float(self.inside.mean()), "beyond a singularity": beyond, **found}
+        return {"inside": float(self.inside.mean()), "beyond a singularity": beyond, **table}
 
     def to_dict(self) -> dict[str, object]:
         """Plain data without the single poses."""
@@ -109,7 +109,7 @@ def workspace(
     find = _one_by_one if minimal_obstacle(robot) else _at_once
     causes = (OUT_OF_REACH, *(name for name, _, _, _ in _limits(robot)))
     cause, dexterity = find(robot, poses, progress)
-    cause = cause.reshape([len(own) for own in middles])
+    cause = cause.reshape([len(middle) for middle in middles])
     inside = cause < 0
     size = float(inside.sum() * width)
     return Workspace(tuple(ranges), middles, at, inside, dexterity.reshape(cause.shape), cause, causes, size)
@@ -157,12 +157,12 @@ def grid_of_poses(
 
 def _limits(robot: ParallelRobot) -> list[tuple[str, int, int, tuple[float, float]]]:
     """Name, leg, joint and range of every joint that has one."""
-    found = []
+    limits = []
     for k, leg in enumerate(robot.description.legs):
         for j, row in enumerate(leg.joint_rows):
             if np.isfinite(row.range).any():
-                found.append((f"leg {k + 1} joint {j + 1}", k, j, row.range))
-    return found
+                limits.append((f"leg {k + 1} joint {j + 1}", k, j, row.range))
+    return limits
 
 
 def _beyond(q: np.ndarray, low: float, high: float, revolute: bool) -> np.ndarray:
@@ -238,11 +238,13 @@ class _Nearby:
             q = self._robot.kinematics.joints_nearby(z, self._q[nearest])
         if q is None:
             try:
-                found = self._robot.ik(z)
+                joint_positions = self._robot.ik(z)
             except InputError:
                 return None
-            q = found.q
-            if self._closed or found.assembly != "home":  # fast as it is, or perhaps another assembly
+            q = joint_positions.q
+            if (
+                self._closed or joint_positions.assembly != "home"
+            ):  # fast as it is, or perhaps another assembly
                 return q
         if len(self._q) == len(self._poses):
             self._poses = np.vstack([self._poses, np.empty((max(64, len(self._q)), len(z)))])

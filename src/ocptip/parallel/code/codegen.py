@@ -96,8 +96,8 @@ def described(given: LeanFunction | cs.Function) -> list[str]:
             rows, columns = size(k)
             lines.append(f"{kind}[{k}]: {name}, {rows} x {columns}{_entries(given, name)}")
             if kind == "arg" and isinstance(given, LeanFunction) and rows * columns and name in _OWN:
-                own = np.ravel(getattr(given, name), order="F").tolist()
-                lines.append(f"  of this robot: {{{', '.join(map(repr, own))}}}")
+                values = np.ravel(getattr(given, name), order="F").tolist()
+                lines.append(f"  of this robot: {{{', '.join(map(repr, values))}}}")
     return lines
 
 

@@ -99,7 +99,7 @@ def complete_function(
     inputs = [z, zd, zdd, q, cs.SX(0, 1), inertia, gravity]
     names = ["z", "zd", "zdd", "q", "geometry", "inertia", "gravity"]
     function = tidy(cs.Function(name, inputs, results, names, list(outputs)))
-    found = LeanFunction(
+    lean_function = LeanFunction(
         function,
         "A",
         2 if base is None else 3,
@@ -110,8 +110,8 @@ def complete_function(
         np.array(description.gravity),
         np.zeros((3, 0)),
     )
-    _check(robot, found, outputs)
-    return found
+    _check(robot, lean_function, outputs)
+    return lean_function
 
 
 def complete_joints(kinematics: Kinematics, z: ArrayLike, q: Sequence[np.ndarray]) -> np.ndarray:
@@ -152,11 +152,13 @@ def newton_function(
     equations = CompleteEquations(kinematics, arguments, _near_home(description) if near is None else near)
     step = tidy(cs.Function("newton_step", [z, start], [cs.densify(equations.newton())]))
     errors = tidy(cs.Function("closure_errors", [z, start], [cs.densify(equations.closure_errors())]))
-    at, q = cs.MX.sym("z", m), cs.MX.sym("start", start.numel())
-    inputs = [at, q]
+    coordinates, q = cs.MX.sym("z", m), cs.MX.sym("start", start.numel())
+    inputs = [coordinates, q]
     for _ in range(steps):
-        q = step(at, q)
-    return cs.Function("joints", inputs, [q, cs.norm_inf(errors(at, q))], ["z", "start"], ["q", "residual"])
+        q = step(coordinates, q)
+    return cs.Function(
+        "joints", inputs, [q, cs.norm_inf(errors(coordinates, q))], ["z", "start"], ["q", "residual"]
+    )
 
 
 def point_function(kinematics: Kinematics) -> cs.Function:
@@ -166,11 +168,11 @@ def point_function(kinematics: Kinematics) -> cs.Function:
     """
     find, legs = newton_function(kinematics), kinematics.description.legs
     firsts = np.cumsum([0, *(leg.n for leg in kinematics.legs)])
-    at, start = cs.MX.sym("z", kinematics.m), cs.MX.sym("start", find.numel_in(1))
-    q, residual = find(at, start)
+    coordinates, start = cs.MX.sym("z", kinematics.m), cs.MX.sym("start", find.numel_in(1))
+    q, residual = find(coordinates, start)
     columns = [q[int(first) : int(first) + leg.n] for first, leg in zip(firsts, legs, strict=False)]
     outputs = [cs.horzcat(*columns), q, residual]
-    return cs.Function("joints", [at, start], outputs, ["z", "start"], ["q", "all", "residual"])
+    return cs.Function("joints", [coordinates, start], outputs, ["z", "start"], ["q", "all", "residual"])
 
 
 def home_function(kinematics: Kinematics) -> cs.Function:
@@ -214,7 +216,7 @@ def _near_home(description: RobotDescription) -> np.ndarray:
     return description.home + _NEAR * rng.uniform(-1, 1, description.m)
 
 
-def _check(robot: NumericRobot, found: LeanFunction, outputs: Sequence[str]) -> None:
+def _check(robot: NumericRobot, lean_function: LeanFunction, outputs: Sequence[str]) -> None:
     """Refuse code that does not give the numeric robot's forces near home."""
     if "tau" not in outputs:
         return
@@ -222,7 +224,9 @@ def _check(robot: NumericRobot, found: LeanFunction, outputs: Sequence[str]) -> 
     q = robot.ik(z).q
     expected = robot.inverse_dynamics(z, rates, rates[::-1], q).motors
     all_joints = complete_joints(robot.kinematics, z, q)
-    generated = np.array(found.fast()(z, rates, rates[::-1], all_joints)[list(outputs).index("tau")]).ravel()
+    generated = np.array(
+        lean_function.fast()(z, rates, rates[::-1], all_joints)[list(outputs).index("tau")]
+    ).ravel()
     off = np.abs(generated - expected).max() / max(np.abs(expected).max(), 1e-300)
     if not off < _AGREES:
         raise InputError(f"{robot.description.name}: generated code is not regular near home ({off:.1g} off)")

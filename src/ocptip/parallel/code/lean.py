@@ -149,9 +149,9 @@ class LeanFunction:
             in order.
         """
         evaluate = PointFunction(self.function)
-        own = {"inertia": self.inertia, "geometry": self.geometry, "gravity": self.gravity}
-        own |= {"wrench": np.zeros(6), "joint_terms": self.joint_terms}
-        rest = [own[name] for name in self.function.name_in()[4:]]
+        arguments = {"inertia": self.inertia, "geometry": self.geometry, "gravity": self.gravity}
+        arguments |= {"wrench": np.zeros(6), "joint_terms": self.joint_terms}
+        rest = [arguments[name] for name in self.function.name_in()[4:]]
         return lambda z, rates, accelerations, q: evaluate(z, rates, accelerations, q, *rest)
 
 

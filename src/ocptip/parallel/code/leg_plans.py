@@ -139,18 +139,20 @@ def choose_plans(
     geometry = geometry_symbols(description)
     n = layout.bodies
     for index in range(len(description.legs)):
-        own = range(*layout.leg_slice(index).indices(layout.size))
-        inertia = cs.vertcat(*(cs.SX.sym(f"p{k}") if kept[i] else cs.SX(0.0) for k, i in enumerate(own)))
+        leg_joints = range(*layout.leg_slice(index).indices(layout.size))
+        inertia = cs.vertcat(
+            *(cs.SX.sym(f"p{k}") if kept[i] else cs.SX(0.0) for k, i in enumerate(leg_joints))
+        )
         joints = cs.SX.sym("q", n)
         leg = leg_model(description, index, joints, geometry, inertia, cs.SX.zeros(3, n))
-        key = (purpose, _structure(description, index, own, kept))
+        key = (purpose, _structure(description, index, leg_joints, kept))
         if key not in _FOUND:
             _FOUND[key] = _search(leg, purpose)
         plans.append(_FOUND[key])
     return tuple(plans)
 
 
-def _structure(description: RobotDescription, index: int, own: Sequence[int], kept: Sequence[bool]) -> str:
+def _structure(description: RobotDescription, index: int, joints: Sequence[int], kept: Sequence[bool]) -> str:
     leg = description.legs[index]
     shape = [
         (row.sigma, *(entry if isinstance(entry, float) else "?" for entry in row.entries))
@@ -158,7 +160,7 @@ def _structure(description: RobotDescription, index: int, own: Sequence[int], ke
     ]
     base = [(axis, angle if isinstance(angle, float) else "?") for axis, angle in leg.base_rotation]
     driven = [joint for owner, joint in description.actuated if owner == index]
-    return repr((shape, base, driven, description.position_rows, [bool(kept[i]) for i in own]))
+    return repr((shape, base, driven, description.position_rows, [bool(kept[i]) for i in joints]))
 
 
 def _search(leg: LegModel, purpose: Purpose) -> LegPlan:

@@ -151,11 +151,11 @@ def _latex(function: cs.Function, names: dict[str, Sequence[str]]) -> Iterator[s
         if code == cs.OP_CONST:
             values[to[0]] = _number(float(function.instruction_constant(k)))
         elif code == cs.OP_INPUT:
-            own = function.name_in(given[0])
-            values[to[0]] = _entry(own, function.sparsity_in(given[0]), given[1], names.get(own, ())), _ATOM
+            name = function.name_in(given[0])
+            values[to[0]] = _entry(name, function.sparsity_in(given[0]), given[1], names.get(name, ())), _ATOM
         elif code == cs.OP_OUTPUT:
-            own = function.name_out(to[0])
-            yield f"{_entry(own, function.sparsity_out(to[0]), to[1])} &= {values[given[0]][0]}"
+            name = function.name_out(to[0])
+            yield f"{_entry(name, function.sparsity_out(to[0]), to[1])} &= {values[given[0]][0]}"
         else:
             template, allowed, binds = _known(_LATEX, function, code)
             operands = [_within(*values[j], loosest) for j, loosest in zip(given, allowed, strict=False)]

@@ -192,29 +192,29 @@ def _factored(graph: _Graph, outputs: list[dict[int, Value]]) -> tuple[_Graph, l
     known: dict[int, Value] = {}
 
     def factors(node: int) -> tuple[int, list[int]]:
-        sign, found, open_ = 1, [], [node]
+        sign, results, open_ = 1, [], [node]
         while open_:
             one = open_.pop()
             if graph.nodes[one][0] == "mul" and (one == node or one in inner):
                 open_ += [graph.nodes[one][2], graph.nodes[one][1]]
             else:
                 sign *= known[one][0]
-                found.append(known[one][1])
-        return sign, found
+                results.append(known[one][1])
+        return sign, results
 
     def terms(node: int) -> list[tuple[int, list[int]]]:
-        found, open_ = [], [(1, node)]
+        results, open_ = [], [(1, node)]
         while open_:
             sign, one = open_.pop()
             key = graph.nodes[one]
             if key[0] == "add" and (one == node or one in inner):
                 open_ += [(sign * key[3], key[2]), (sign, key[1])]
             elif one in inner:
-                own, product = factors(one)
-                found.append((sign * own, product))
+                factors_here, product = factors(one)
+                results.append((sign * factors_here, product))
             else:
-                found.append((sign * known[one][0], [known[one][1]]))
-        return found
+                results.append((sign * known[one][0], [known[one][1]]))
+        return results
 
     for node, key in enumerate(graph.nodes):
         if not uses[node] or node in inner:

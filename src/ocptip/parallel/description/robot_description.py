@@ -349,17 +349,17 @@ class RobotDescription:
     @property
     def parameters(self) -> dict[str, float]:
         """Named parameters and their values, in the order in which they first appear."""
-        found: dict[str, float] = {}
+        table: dict[str, float] = {}
         for leg in self.legs:
             for entry in leg.entries:
                 if isinstance(entry, Parameter):
-                    known = found.setdefault(entry.name, entry.value)
+                    known = table.setdefault(entry.name, entry.value)
                     if known != entry.value:
                         raise InputError(
                             f"parameter {entry.name}: has the values {known} and {entry.value}; equal names "
                             "mean the same parameter"
                         )
-        return found
+        return table
 
     @property
     def position_rows(self) -> tuple[int, ...]:

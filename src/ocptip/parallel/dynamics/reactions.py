@@ -55,16 +55,16 @@ def joint_reactions(
     """
     system = MultiplierSystem(kinematics, motion, gravity, wrench)
     accelerations = tuple(leg.Jq @ sd + leg.drift for leg in motion.legs)
-    found = system.forces(accelerations, motion.T @ sd + motion.T_drift)
+    result = system.forces(accelerations, motion.T @ sd + motion.T_drift)
     joints, ends, row = [], [], 0
-    for leg, part, qdd in zip(kinematics.legs, motion.legs, found.joints, strict=True):
+    for leg, part, qdd in zip(kinematics.legs, motion.legs, result.joints, strict=True):
         rows = len(leg.row_scale(1.0))
-        on_leg = found.multipliers[row : row + rows]
+        on_leg = result.multipliers[row : row + rows]
         row += rows
         outer, at_ends = _end_wrenches(leg, on_leg)
         joints.append(_reactions(leg, part.q, part.qd, qdd, gravity, outer))
         ends.append(-at_ends)
-    return JointReactions(tuple(joints), tuple(ends), found.motors, found.unique, found.residual)
+    return JointReactions(tuple(joints), tuple(ends), result.motors, result.unique, result.residual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,9 +107,9 @@ class MultiplierSystem:
         count = int(self._starts[-1]) + 6
         M, h = np.zeros((count, count)), np.zeros(count)
         for i, (leg, part) in enumerate(zip(legs, motion.legs, strict=True)):
-            own = slice(self._starts[i], self._starts[i + 1])
+            block = slice(self._starts[i], self._starts[i + 1])
             M_i, c_i, g_i, *_ = leg.dynamics(part.q, part.qd, gravity)
-            M[own, own], h[own] = M_i, c_i + g_i
+            M[block, block], h[block] = M_i, c_i + g_i
         body = kinematics.description.platform.inertia
         M_P, c_P, g_P = platform_terms(body, motion.R, motion.t[3:], gravity)
         M[-6:, -6:], h[-6:] = M_P, c_P + g_P - wrench
@@ -117,8 +117,8 @@ class MultiplierSystem:
         self._idle = np.zeros((count, sum(leg.idle for leg in legs)))
         column = 0
         for i, (leg, part) in enumerate(zip(legs, motion.legs, strict=True)):
-            own = slice(self._starts[i], self._starts[i + 1])
-            self._idle[own, column : column + leg.idle] = leg.idle_motions(part.q)
+            block = slice(self._starts[i], self._starts[i + 1])
+            self._idle[block, column : column + leg.idle] = leg.idle_motions(part.q)
             column += leg.idle
         self.J = stacked_closures(legs, [part.q for part in motion.legs], motion.R)
         self.S = np.zeros((count, len(kinematics.description.actuated)))
@@ -146,17 +146,17 @@ def _end_wrenches(leg: LegClosure, multipliers: np.ndarray) -> tuple[dict[int, n
     """Wrenches (6,) on a leg's rows from its multipliers, about their origins; and at its ends."""
     outer: dict[int, np.ndarray] = {}
     ends = np.zeros((len(leg.end_rows), 6))
-    at = 0
+    index = 0
     for k, (row, turn) in enumerate(zip(leg.end_rows, leg.end_rotations, strict=True)):
         size = 3 if turn is None else 6
-        ends[k, :size] = multipliers[at : at + size]
+        ends[k, :size] = multipliers[index : index + size]
         outer[row] = outer.get(row, np.zeros(6)) + ends[k]
-        at += size
+        index += size
     for a, b in leg.loop_rows:
-        force = np.append(multipliers[at : at + 3], np.zeros(3))
+        force = np.append(multipliers[index : index + 3], np.zeros(3))
         outer[a] = outer.get(a, np.zeros(6)) + force
         outer[b] = outer.get(b, np.zeros(6)) - force
-        at += 3
+        index += 3
     return outer, ends
 
 

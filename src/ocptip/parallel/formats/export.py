@@ -233,9 +233,9 @@ class Skeleton:
         """
         one = self.legs[leg]
         rotations, origins = one.frames(self.home[leg])
-        own = (rotations[row], origins[row]) if row >= 0 else (np.eye(3), np.zeros(3))
+        frame = (rotations[row], origins[row]) if row >= 0 else (np.eye(3), np.zeros(3))
         points = [origins[k] for k, parent in enumerate(one.topology.parents) if parent == row]
-        return [local for point in points if np.linalg.norm(local := own[0].T @ (point - own[1])) > 1e-6]
+        return [local for point in points if np.linalg.norm(local := frame[0].T @ (point - frame[1])) > 1e-6]
 
     def platform_points(self) -> list[np.ndarray]:
         """(3,) coupling points in the platform frame, m."""

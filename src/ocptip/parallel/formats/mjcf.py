@@ -128,16 +128,16 @@ class _LegSolids:
     def _add(self, skeleton: Skeleton, k: int, merged: dict[int, _Solid]) -> None:
         row, parent = self._rows[k], self._parents[k]
         joint = self._joints[k]
-        own = row_frame(row, 0.0 if joint is None else skeleton.home[self._number][joint])
+        joint_frame = row_frame(row, 0.0 if joint is None else skeleton.home[self._number][joint])
         before = self.place[parent] if parent >= 0 else None
         body, segments = skeleton.body(self._number, k), skeleton.segments(self._number, k)
         if row.sigma == FIXED and before is not None:
-            solid, frame = before[0], compose(before[1], own)
+            solid, frame = before[0], compose(before[1], joint_frame)
         elif parent in merged:
-            solid, frame = self._joined(merged.pop(parent), own), _STILL
+            solid, frame = self._joined(merged.pop(parent), joint_frame), _STILL
         else:
-            at = skeleton.place(self._number) if before is None else before[1]
-            solid, frame = _Solid(link_name(self._number, k), compose(at, own)), _STILL
+            place = skeleton.place(self._number) if before is None else before[1]
+            solid, frame = _Solid(link_name(self._number, k), compose(place, joint_frame)), _STILL
             (self.roots if before is None else before[0].children).append(solid)
         if joint is not None:
             solid.joints.append((joint, row.sigma, _STILL))
@@ -148,10 +148,10 @@ class _LegSolids:
         if self._can_join(k, body):
             merged[k] = solid
 
-    def _joined(self, solid: _Solid, own: Frame) -> _Solid:
+    def _joined(self, solid: _Solid, joint_frame: Frame) -> _Solid:
         """A body without mass, from now on that of the row behind: its frame moves there."""
-        back = inverse(own)
-        solid.frame = compose(solid.frame, own)
+        back = inverse(joint_frame)
+        solid.frame = compose(solid.frame, joint_frame)
         solid.joints = [(joint, sigma, compose(back, frame)) for joint, sigma, frame in solid.joints]
         solid.segments = []
         self.place = [(one, compose(back, frame) if one is solid else frame) for one, frame in self.place]
@@ -172,19 +172,19 @@ def _add_platform(skeleton: Skeleton, legs: list[_LegSolids]) -> None:
     # Bodies that are one with the platform, and the platform's frame in theirs.
     rigid = [(solid, platform.frame)]
     for closure in skeleton.closures:
-        held, at = legs[closure.leg].place[closure.row]
-        held.sites.append((f"{closure.name}_leg", at))
+        held, place = legs[closure.leg].place[closure.row]
+        held.sites.append((f"{closure.name}_leg", place))
         if closure.other is None:
             platform.sites.append((f"{closure.name}_other", closure.frame))
             if closure.rigid:
-                rigid.append((held, compose(at, inverse(closure.frame))))
+                rigid.append((held, compose(place, inverse(closure.frame))))
         else:
             other, there = legs[closure.leg].place[closure.other]
             other.sites.append((f"{closure.name}_other", there))
-    needy = [(held, at) for held, at in rigid if not _real(held.inertia)]
+    needy = [(held, place) for held, place in rigid if not _real(held.inertia)]
     share = BodyInertia.from_vector(skeleton.description.platform.inertia.vector / (len(needy) + 1))
-    for held, at in needy:
-        held.inertia = _sum(held.inertia, moved_inertia(share, at))
+    for held, place in needy:
+        held.inertia = _sum(held.inertia, moved_inertia(share, place))
     platform.inertia = share
     platform.segments = [(np.zeros(3), end) for end in skeleton.platform_points()]
 

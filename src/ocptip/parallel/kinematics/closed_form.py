@@ -116,16 +116,16 @@ def nearest_branch(leg: LegBase, target: np.ndarray, q: np.ndarray) -> tuple[int
         InputError: there is no closed form, or the target is out of reach.
     """
     kind = leg_type(leg)
-    found: list[tuple[float, tuple[int, ...]]] = []
+    results: list[tuple[float, tuple[int, ...]]] = []
     for signs in itertools.product((1, -1), repeat=SIGNS.get(kind or "", 0)):
         solution = closed_form(leg, target, signs)
         if solution is not None:
             turns = [row.sigma == REVOLUTE for row in leg.rows[: leg.point_joints]]
             error = np.where(turns, nearest_turn(solution - q), solution - q)
-            found.append((float(np.abs(error).max()), signs))
-    if not found:
+            results.append((float(np.abs(error).max()), signs))
+    if not results:
         raise InputError(f"branch: no closed-form solution for the target {np.asarray(target).tolist()}")
-    return min(found)[1]
+    return min(results)[1]
 
 
 def _rrr(d: Sequence[Scalar], target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:

@@ -135,8 +135,8 @@ class LegClosure:
     def body_loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, gravity: np.ndarray) -> np.ndarray:
         """(rows, 6) wrenches that move and carry the bodies, world axes, about their frames' origins."""
         loads = np.zeros((len(self.topology.rows), 6))
-        found = leg_loads(self.topology)(q, qd, qdd, self.base, gravity, self.inertia)[0]
-        loads[: self.topology.bodies] = found.reshape(6, -1).T
+        leg_load = leg_loads(self.topology)(q, qd, qdd, self.base, gravity, self.inertia)[0]
+        loads[: self.topology.bodies] = leg_load.reshape(6, -1).T
         return loads
 
     def motion(

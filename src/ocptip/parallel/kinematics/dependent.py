@@ -98,9 +98,9 @@ class DependentCoordinates:
         """
         if guess is not None:
             near = self._from_joints(z, guess)[0]
-            found = self._newton(np.concatenate([*guess, near]), z)
-            if self._closed(found):
-                return found, "guess"
+            result = self._newton(np.concatenate([*guess, near]), z)
+            if self._closed(result):
+                return result, "guess"
         else:
             way = continued(self._home_u, lambda u, share: self._followed(u, self._way(z, share)))
             if way is not None:
@@ -109,10 +109,10 @@ class DependentCoordinates:
         error = np.inf
         for number in range(_RESTARTS):
             start = self._home_u + (_SPREAD * rng.uniform(-1, 1, len(self._home_u)) if number else 0.0)
-            found = self._newton(start, z)
-            if self._closed(found):
-                return found, "search"
-            error = min(error, found[1])
+            result = self._newton(start, z)
+            if self._closed(result):
+                return result, "search"
+            error = min(error, result[1])
         raise InputError(
             f"pose: the legs do not close at z = {np.round(z, 6).tolist()} with any searched {self._names}: "
             f"closure error {error:.2g} (m, rad)"
@@ -180,16 +180,16 @@ class DependentCoordinates:
         for leg in self._legs:
             leg.assemble(r, R, np.zeros(0))
         u = np.concatenate([*(leg.home for leg in self._legs), d])
-        found = self._newton(u, self._home_z)
-        if not self._closed(found):
+        result = self._newton(u, self._home_z)
+        if not self._closed(result):
             raise InputError(
-                f"home: the legs do not close: error {found[1]:.2g} (m, rad) with {self._names} near "
+                f"home: the legs do not close: error {result[1]:.2g} (m, rad) with {self._names} near "
                 f"{np.round(given, 6).tolist()}"
             )
-        self._home_u = found[0]
-        for leg, joints in zip(self._legs, self.split(found[0])[0], strict=True):
+        self._home_u = result[0]
+        for leg, joints in zip(self._legs, self.split(result[0])[0], strict=True):
             leg.home = joints
-        return found[0][self._starts[-1] :]
+        return result[0][self._starts[-1] :]
 
     def _points_closed(self, d: np.ndarray) -> np.ndarray:
         """d near the given one with which all coupling points can be reached, the smallest change."""
@@ -203,19 +203,21 @@ class DependentCoordinates:
             q, along = self.split(u)
             r, R = self._platform.pose(np.concatenate([self._home_z, along]))
             parts = zip(self._legs, q, rows, strict=True)
-            return np.concatenate([leg.residual(joints, r, R)[own] for leg, joints, own in parts])
+            return np.concatenate(
+                [leg.residual(joints, r, R)[closing_rows] for leg, joints, closing_rows in parts]
+            )
 
         def slope(u: np.ndarray) -> np.ndarray:
             return self._slope(u, self._home_z, rows)
 
         u = np.concatenate([*(start for start, _, _ in starts), d])
-        found = damped_newton(u, range(len(u)), error, slope)
-        if not self._closed(found):
+        attempt = damped_newton(u, range(len(u)), error, slope)
+        if not self._closed(attempt):
             raise InputError(
-                f"home: the legs do not reach their coupling points: error {found[1]:.2g} m with "
+                f"home: the legs do not reach their coupling points: error {attempt[1]:.2g} m with "
                 f"{self._names} near {np.round(d, 6).tolist()}"
             )
-        return found[0][self._starts[-1] :]
+        return attempt[0][self._starts[-1] :]
 
     def _from_joints(self, z: np.ndarray, q: Sequence[np.ndarray]) -> Attempt:
         """d from joint positions."""
@@ -233,8 +235,8 @@ class DependentCoordinates:
     def _way(self, z: np.ndarray, share: float) -> np.ndarray:
         return z if share == 1.0 else self._home_z + share * (z - self._home_z)
 
-    def _closed(self, found: Attempt) -> bool:
-        return found[1] <= CLOSURE_TOLERANCE * self._scale
+    def _closed(self, attempt: Attempt) -> bool:
+        return attempt[1] <= CLOSURE_TOLERANCE * self._scale
 
     def _newton(self, u: np.ndarray, z: np.ndarray) -> Attempt:
         return damped_newton(u, range(len(u)), lambda v: self._error(v, z), lambda v: self._slope(v, z))

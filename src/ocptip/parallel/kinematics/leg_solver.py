@@ -93,9 +93,9 @@ class LegSolver(LegClosure):
         if guess is not None:
             start = np.array(guess)
             start[self.locked] = locked
-            found = self._newton(start, r, R, self.free)
-            if found[1] <= CLOSURE_TOLERANCE * self.length:
-                return found, "guess"
+            result = self._newton(start, r, R, self.free)
+            if result[1] <= CLOSURE_TOLERANCE * self.length:
+                return result, "guess"
         elif leg_type(self.leg) and not self.locked:
             return self.solve(r, R, None, locked), "home"
         else:
@@ -294,16 +294,16 @@ def _turn_to_parallel(about: np.ndarray, axis: np.ndarray, goal: np.ndarray) -> 
 
 def continued(start: np.ndarray, follow: Callable[[np.ndarray, float], Attempt | None]) -> Attempt | None:
     """From a start (share 0) to share 1 in steps so short that `follow` succeeds; None where it cannot."""
-    q, error, used, at, step = start, 0.0, 0, 0.0, 1.0
-    while at < 1.0:
-        end = min(1.0, at + step)
-        found = follow(q, end)
-        if found is None:
+    q, error, used, reached, step = start, 0.0, 0, 0.0, 1.0
+    while reached < 1.0:
+        end = min(1.0, reached + step)
+        result = follow(q, end)
+        if result is None:
             step /= 2
             if step < _SHORTEST:
                 return None
             continue
-        q, error, used, at, step = found[0], found[1], used + found[2], end, 2 * step
+        q, error, used, reached, step = result[0], result[1], used + result[2], end, 2 * step
     return q, error, used
 
 

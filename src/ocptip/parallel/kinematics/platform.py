@@ -189,13 +189,13 @@ class Kinematics:
             (u, error, used), origin = self.along.solve(z, guess)
             searched = tuple(range(len(self.legs))) if origin == "search" else ()
             return JointPositions(self.along.split(u)[0], error, used, origin, searched)
-        way, found, origins = self._paths(z), [], []
+        way, results, origins = self._paths(z), [], []
         for i, leg in enumerate(self.legs):
             start = None if guess is None else guess[i]
             attempt, origin = leg.find(way[i], start)
-            found.append(attempt)
+            results.append(attempt)
             origins.append(origin)
-        return _joint_positions(found, origins)
+        return _joint_positions(results, origins)
 
     def joints_nearby(self, z: np.ndarray, q: Sequence[np.ndarray]) -> Sequence[np.ndarray] | None:
         """Joint positions at a pose in the assembly of others, by one step along the legs' tangents and
@@ -210,12 +210,12 @@ class Kinematics:
         """
         if self.along is not None:
             return None
-        found = []
+        results = []
         for way, leg, start in zip(self._paths(z), self.legs, q, strict=True):
             if (attempt := leg.followed(start, *way(1.0))) is None:
                 return None
-            found.append(attempt[0])
-        return found
+            results.append(attempt[0])
+        return results
 
     def point_joints(self, z: ArrayLike, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
         """Joint positions up to the coupling points only.
@@ -225,19 +225,19 @@ class Kinematics:
         """
         z = self.coordinates("z", z)
         r, R = self.pose(z)
-        way, found, origins = self._paths(z), [], []
+        way, results, origins = self._paths(z), [], []
         for i, leg in enumerate(self.legs):
             if not leg.leg.serial or leg.locked:
                 raise InputError(f"leg {i + 1}: is branched or has redundant joints; use the complete leg")
             start = None if guess is None else finite_array(f"guess[{i + 1}]", guess[i], (leg.point,))
             if start is None and not leg_type(leg.leg):
                 (q, error, used), origin = leg.find(way[i], None)
-                found.append((q[: leg.point], error, used))
+                results.append((q[: leg.point], error, used))
             else:
                 origin = "home" if start is None else "guess"
-                found.append(leg.solve_point(r, R, start))
+                results.append(leg.solve_point(r, R, start))
             origins.append(origin)
-        return _joint_positions(found, origins)
+        return _joint_positions(results, origins)
 
     def _paths(self, z: np.ndarray) -> list[Way]:
         """Per leg the straight line from home to z."""
@@ -359,13 +359,13 @@ class Kinematics:
 
 
 def _joint_positions(
-    found: Sequence[tuple[np.ndarray, float, int]], origins: Sequence[str]
+    result: Sequence[tuple[np.ndarray, float, int]], origins: Sequence[str]
 ) -> JointPositions:
     searched = tuple(i for i, origin in enumerate(origins) if origin == "search")
     return JointPositions(
-        tuple(q for q, _, _ in found),
-        max(error for _, error, _ in found),
-        sum(used for _, _, used in found),
+        tuple(q for q, _, _ in result),
+        max(error for _, error, _ in result),
+        sum(used for _, _, used in result),
         "search" if searched else origins[0],
         searched,
     )

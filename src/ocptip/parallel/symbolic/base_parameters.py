@@ -52,8 +52,8 @@ def leg_base_parameters(description: RobotDescription) -> LegBaseParameters:
     kept = np.zeros(layout.size, dtype=bool)
     for group in layout.groups:
         leg = description.legs[group[0]]
-        own = layout.leg_slice(group[0])
-        table = values[own].reshape(leg.n, 10)
+        section = layout.leg_slice(group[0])
+        table = values[section].reshape(leg.n, 10)
         keep = np.ones((leg.n, 10), dtype=bool)
         for j in range(leg.n - 1, -1, -1):
             if leg.rows[j].sigma == PRISMATIC:
@@ -68,8 +68,8 @@ def leg_base_parameters(description: RobotDescription) -> LegBaseParameters:
             table[j] -= moved
             if j:
                 table[j - 1] += transform_inertia(leg.rows[j]) @ moved
-        values[own] = table.ravel()
-        kept[own] = keep.ravel()
+        values[section] = table.ravel()
+        kept[section] = keep.ravel()
     kept[layout.platform_slice] = True
     kept &= _effective(description, layout, kept)
     names = np.array(layout.names())

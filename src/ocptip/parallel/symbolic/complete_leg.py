@@ -102,7 +102,7 @@ class CompleteLeg:
         to_frame = self.model.rotation(self.frame, 0)
         moving = [*to_frame(linear), *to_frame(angular)]
         for joint, rate in zip(self.redundant, given, strict=True):
-            moving = [own - row[joint] * rate for own, row in zip(moving, self.jacobian, strict=True)]
+            moving = [term - row[joint] * rate for term, row in zip(moving, self.jacobian, strict=True)]
         rates = self._spread(self.system.solve([moving[row] for row in self.rows]))
         for joint, rate in zip(self.redundant, given, strict=True):
             rates[joint] = rate
@@ -111,14 +111,14 @@ class CompleteLeg:
     def accelerated(self, rates: Scalars, linear: Vector, angular: Vector, given: Scalars) -> Scalars:
         """Joint accelerations for an acceleration of the end, world axes, at given rates."""
         drift, turning = self.drift(rates)
-        found = self.particular(minus(linear, drift), minus(angular, turning), given)
+        result = self.particular(minus(linear, drift), minus(angular, turning), given)
         if not self.idle:
-            return found
+            return result
         if self.free is None:
-            return self._without(found, dot(self.momentum, found))
+            return self._without(result, dot(self.momentum, result))
         still = [cs.SX(0.0)] * self.model.size
         whole = dot(_free_efforts(self.free, still, self.idle), self.idle)
-        return self._without(found, dot(_free_efforts(self.free, rates, found), self.idle) / whole)
+        return self._without(result, dot(_free_efforts(self.free, rates, result), self.idle) / whole)
 
     def drift(self, rates: Scalars) -> tuple[Vector, Vector]:
         """Acceleration of the end without joint accelerations, linear and angular, world axes."""
@@ -131,7 +131,7 @@ class CompleteLeg:
         efforts of redundant joints."""
         if self.idle:
             share = dot(self.idle, efforts)
-            efforts = [own - weight * share for own, weight in zip(efforts, self.momentum, strict=True)]
+            efforts = [effort - weight * share for effort, weight in zip(efforts, self.momentum, strict=True)]
         values: Scalars = [cs.SX(0.0)] * 6
         balance = self.system.solve_transposed([efforts[c] for c in self.columns])
         for row, value in zip(self.rows, balance, strict=True):
@@ -162,12 +162,12 @@ def _free_efforts(model: LegModel, rates: Scalars, accelerations: Scalars) -> Sc
 
 
 def chosen_equations(
-    leg: LegSolver, model: LegModel, at: np.ndarray, redundant: tuple[int, ...]
+    leg: LegSolver, model: LegModel, joints: np.ndarray, redundant: tuple[int, ...]
 ) -> tuple[int, tuple[int, ...], tuple[int, ...], list[Scalars]]:
     """Frame, rows and columns of a leg's equations, and all entries: independent, in the smallest blocks,
     then sparsest."""
     rank, others = leg.n - leg.idle - len(redundant), [k for k in range(leg.n) if k not in redundant]
-    pivots = np.asarray(scipy.linalg.qr(leg.jacobian(at)[0][:, others], pivoting=True)[-1])
+    pivots = np.asarray(scipy.linalg.qr(leg.jacobian(joints)[0][:, others], pivoting=True)[-1])
     columns = tuple(sorted(others[k] for k in pivots[:rank]))
     best: tuple[tuple[int, int], int, tuple[int, ...], list[Scalars]] | None = None
     for frame in range(1, model.size + 1):
@@ -177,7 +177,7 @@ def chosen_equations(
         ]
         entries = [list(row) for row in zip(*by_joint, strict=True)]
         whole = cs.vertcat(*(cs.horzcat(*row) for row in entries))
-        numbers = np.array(cs.Function("J", [cs.vertcat(*model.q)], [whole])(at))[:, columns]
+        numbers = np.array(cs.Function("J", [cs.vertcat(*model.q)], [whole])(joints))[:, columns]
         pivots = np.asarray(scipy.linalg.qr(numbers.T, pivoting=True)[-1])
         rows = tuple(sorted(int(k) for k in pivots[:rank]))
         try:
@@ -193,10 +193,10 @@ def chosen_equations(
     return best[1], best[2], columns, best[3]
 
 
-def idle_inertia(leg: LegSolver, at: np.ndarray) -> bool:
+def idle_inertia(leg: LegSolver, joints: np.ndarray) -> bool:
     """True if a leg has inertia along its idle motion."""
     if not leg.idle:
         return False
-    motions = leg.idle_motions(at)
-    M = leg.dynamics(at, np.zeros(leg.n), np.zeros(3))[0]
+    motions = leg.idle_motions(joints)
+    M = leg.dynamics(joints, np.zeros(leg.n), np.zeros(3))[0]
     return float((motions.T @ M @ motions)[0, 0]) > _HEAVY * max(float(np.trace(M)), 1e-300)

@@ -146,8 +146,8 @@ class CompleteEquations:
         for leg, speed, turn in zip(self.legs, speeds, turned, strict=True):
             rates = leg.followed(self.platform.point_velocity(leg.arm), self.platform.omega, speed)
             changing = self.platform.point_acceleration(leg.arm)
-            found = leg.accelerated(rates, changing, self.platform.alpha, turn)
-            leg.motion = chain_motion(leg.model, rates, found, self.gravity)
+            result = leg.accelerated(rates, changing, self.platform.alpha, turn)
+            leg.motion = chain_motion(leg.model, rates, result, self.gravity)
 
     def rows(self) -> list[Scalars]:
         """J_a (n_a, m): rate of every motor per quasi-velocity."""
@@ -156,33 +156,33 @@ class CompleteEquations:
             leg = self.legs[number]
             single = [cs.SX(float(k == joint)) for k in range(leg.model.size)]
             force, moment, left = leg.wrench(single)
-            own = {number: left}
-            rows.append([*self._projected(self._reduced(leg, force, moment)), *self._coordinates(own)])
+            forces = {number: left}
+            rows.append([*self._projected(self._reduced(leg, force, moment)), *self._coordinates(forces)])
         return rows
 
     def force(self, *, motors_too: bool = True) -> tuple[Scalars, dict[tuple[int, int], cs.SX]]:
         """tau_s (m,), and efforts of the motor joints: parts of it, or left out of it."""
         force, moment = platform_wrench(self._own, self.platform, self.gravity)
-        own, left = {}, {}
+        forces, left = {}, {}
         for number, leg in enumerate(self.legs):
             efforts = leg_efforts(leg.model, leg.moved)
             for joint in leg.model.actuated:
-                own[number, joint] = efforts[joint]
+                forces[number, joint] = efforts[joint]
                 efforts[joint] = efforts[joint] if motors_too else cs.SX(0.0)
             f, n, left[number] = leg.wrench(efforts)
             force, moment = plus(force, f), plus(moment, n, cross(leg.arm, f))
-        return [*self._projected(self._generalized(force, moment)), *self._coordinates(left)], own
+        return [*self._projected(self._generalized(force, moment)), *self._coordinates(left)], forces
 
     def motor_forces(self) -> cs.SX:
         """J_a^T tau_a = tau_s, with the efforts of the motor joints added after the unactuated ones are
         balanced.
         """
-        right, own = self.force(motors_too=False)
+        right, leg_forces = self.force(motors_too=False)
         rows, order = self.rows(), list(elimination_order(self.description, complete=True))
         system = BlockSystem([[rows[k][c] for k in order] for c in range(len(right))])
         solved = dict(zip(order, system.solve(right), strict=True))
         motors = self.description.actuated
-        return cs.vertcat(*(own[motor] + solved[k] for k, motor in enumerate(motors)))
+        return cs.vertcat(*(leg_forces[motor] + solved[k] for k, motor in enumerate(motors)))
 
     def joint_rates(self) -> cs.SX:
         """(n,) of all joints, leg by leg."""
@@ -200,7 +200,7 @@ class CompleteEquations:
     def closure_errors(self) -> cs.SX:
         """(6 legs + redundant joints,) closure errors, m or rad."""
         closed = [x for gap, turned in self.closures() for x in (*gap, *turned)]
-        return cs.vertcat(*closed, *(step for own in self._steps() for step in own))
+        return cs.vertcat(*closed, *(step for entry in self._steps() for step in entry))
 
     def potential(self) -> cs.SX:
         """Potential energy in gravity, J."""
@@ -209,12 +209,12 @@ class CompleteEquations:
     def closures(self) -> list[tuple[Vector, Vector]]:
         """Per leg the place of its end minus where the platform holds it, m and rad, world axes."""
         gaps = []
-        for leg, solver, at in zip(self.legs, self._kinematics.legs, self._at, strict=True):
+        for leg, solver, place in zip(self.legs, self._kinematics.legs, self._at, strict=True):
             model, end = leg.model, leg.model.origin
             for j, segment in enumerate(model.segments, start=1):
                 end = plus(end, model.rotation(0, j)(segment))
             gap = minus(end, plus(self._still.position, leg.arm))
-            frames, held = solver.frames(at)[0], solver.end_rotations[0]
+            frames, held = solver.frames(place)[0], solver.end_rotations[0]
             assert held is not None
             # of the last joint's frame in the platform; a fixed row may follow it
             fixed = _right_angles(held.T @ frames[-1].T @ frames[model.size - 1])
@@ -243,10 +243,10 @@ class CompleteEquations:
     def _by_leg(self, values: Scalars) -> list[Scalars]:
         """Values of the redundant joints, leg by leg."""
         of_joint = zip(self.description.redundant, values, strict=True)
-        found: list[Scalars] = [[] for _ in self.description.legs]
+        results: list[Scalars] = [[] for _ in self.description.legs]
         for (leg, _), value in of_joint:
-            found[leg].append(value)
-        return found
+            results[leg].append(value)
+        return results
 
     def _coordinates(self, left: dict[int, Scalars]) -> Scalars:
         """Values of the redundant joints in the order of the coordinates; 0 of legs that are not there."""
@@ -257,8 +257,8 @@ class CompleteEquations:
         """By how much redundant joints are off their coordinates, leg by leg."""
         meant = self._by_leg(cs.vertsplit(self.arguments.z)[self._m :])
         return [
-            [z - leg.model.q[joint] for joint, z in zip(leg.redundant, own, strict=True)]
-            for leg, own in zip(self.legs, meant, strict=True)
+            [z - leg.model.q[joint] for joint, z in zip(leg.redundant, step, strict=True)]
+            for leg, step in zip(self.legs, meant, strict=True)
         ]
 
     def _platform(self, rates: Scalars, accelerations: Scalars) -> PlatformState:
@@ -272,7 +272,7 @@ class CompleteEquations:
         """From (z, d) to x, y, z, phi1, phi2, phi3."""
         return [values[self._order.index(i)] for i in sorted(self._order)]
 
-    def _leg(self, solver: LegSolver, at: np.ndarray, q: cs.SX, inertia: cs.SX) -> CompleteLeg:
+    def _leg(self, solver: LegSolver, place: np.ndarray, q: cs.SX, inertia: cs.SX) -> CompleteLeg:
         geometry = geometry_symbols(self.description, numeric=True)
         drives = np.array([getattr(solver.leg, name)[: solver.n] for name in JOINT_TERMS])
 
@@ -281,12 +281,12 @@ class CompleteEquations:
             return leg_model(self.description, solver.number, q, geometry, inertia, terms, complete=True)
 
         model, free = model_of(inertia, drives), None
-        if idle_inertia(solver, at):
-            own = cs.SX(cs.sparsify(cs.DM(solver.inertia)))
-            free = model_of(own, drives * np.array([[1.0], [0.0], [0.0]]))
+        if idle_inertia(solver, place):
+            inertia_matrix = cs.SX(cs.sparsify(cs.DM(solver.inertia)))
+            free = model_of(inertia_matrix, drives * np.array([[1.0], [0.0], [0.0]]))
         arm = self._still.arm(coupling_entries(cast(SerialLeg, solver.leg), geometry))
         redundant = tuple(joint for leg, joint in self.description.redundant if leg == solver.number)
-        frame, rows, columns, entries = chosen_equations(solver, model, at, redundant)
+        frame, rows, columns, entries = chosen_equations(solver, model, place, redundant)
         others = tuple(k for k in range(6) if k not in rows)
         system = BlockSystem([[entries[row][c] for c in columns] for row in rows])
         return CompleteLeg(model, arm, frame, rows, others, columns, entries, system, free, redundant)

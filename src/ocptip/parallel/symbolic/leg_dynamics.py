@@ -173,12 +173,12 @@ def driven_force(leg: LegModel, motion: LegState, plan: LegPlan) -> DrivenForce:
     column = [matrix[r][driven] for r in range(leg.size)]
 
     def cancel(moments: Sequence[cs.SX], along: float) -> list[cs.SX]:
-        found: list[cs.SX] = [cs.SX(along)] * leg.size
+        sxes: list[cs.SX] = [cs.SX(along)] * leg.size
         if passive:
             system = BlockSystem([[matrix[r][j] for j in passive] for r in others])
             for r, value in zip(others, system.solve_transposed(moments), strict=True):
-                found[r] = value
-        return found
+                sxes[r] = value
+        return sxes
 
     direction = cancel([-matrix[row][j] for j in passive], 1.0)
     lever = dot(direction, column)
@@ -415,7 +415,7 @@ def point_columns(leg: LegModel, frame: int) -> list[Vector]:
         else:
             swept = zero()
             for j in range(joint, frame):
-                own = cross(leg.rotation(j, joint)(unit(2)), leg.segments[j - 1])
-                swept = leg.turns[j].inverse(plus(swept, own))
+                column = cross(leg.rotation(j, joint)(unit(2)), leg.segments[j - 1])
+                swept = leg.turns[j].inverse(plus(swept, column))
             columns.append(plus(swept, cross(axis, beyond)))
     return columns

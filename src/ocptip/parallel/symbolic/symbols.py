@@ -107,8 +107,8 @@ def inertia_values(description: RobotDescription, dynpar: int = 2, *, complete: 
     layout = inertia_layout(description, complete=complete)
     bodies: list[BodyInertia] = []
     for group in layout.groups:
-        own = description.legs[group[0]].bodies[: layout.bodies]
-        bodies += [*own, *[BodyInertia()] * (layout.bodies - len(own))]
+        leg_bodies = description.legs[group[0]].bodies[: layout.bodies]
+        bodies += [*leg_bodies, *[BodyInertia()] * (layout.bodies - len(leg_bodies))]
     bodies.append(description.platform.inertia)
     return np.concatenate([_central(body) if dynpar == 1 else body.vector for body in bodies])
 

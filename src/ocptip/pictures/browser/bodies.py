@@ -37,8 +37,10 @@ def arm(scene: Any, root: str, robot: Robot, size: float, ghost: tuple[int, int,
     elif arm.sphere_sets:
         for spheres in arm.sphere_sets:
             for number, (centre, radius) in enumerate(zip(spheres.centres, spheres.radii, strict=True)):
-                own, at = f"{names[spheres.link]}/{spheres.name} {number}", tuple(centre)
-                scene.add_icosphere(own, float(radius), subdivisions=2, color=color, position=at, **style)
+                label, centre_position = f"{names[spheres.link]}/{spheres.name} {number}", tuple(centre)
+                scene.add_icosphere(
+                    label, float(radius), subdivisions=2, color=color, position=centre_position, **style
+                )
     if arm.geometry is None:
         for k, offset in enumerate(arm.offsets):
             if np.linalg.norm(offset) > 1e-6:
@@ -51,24 +53,24 @@ def held(
     scene: Any, root: str, robot: Robot, part: int, size: float, ghost: tuple[int, int, int] | None
 ) -> list[Any]:
     """What an arm holds in one part of its motion: solids, a light-metal ball for the mass, objects."""
-    arm, found = robot.without_objects().arm, []
+    arm, results = robot.without_objects().arm, []
     style = {"color": ghost or HELD, **({} if ghost is None else {"opacity": SHEER})}
     for number, one in enumerate(arm.geometry.shapes if arm.geometry is not None else ()):
         if one.carried:
-            found.append(
+            results.append(
                 solid(scene, f"{root}/{one.body}/held {part}.{number}", one.shape, size=size, **style)
             )
     if arm.payload is not None:
-        found.append(payload_ball(scene, root, arm, part, size, **style))
-    for own in robot.carried:
-        corners, name = own.corners.reshape(-1, 3), f"{root}/object {part}.{own.object.name}"
-        if own.carrier == GRIPPER:
+        results.append(payload_ball(scene, root, arm, part, size, **style))
+    for carried in robot.carried:
+        corners, name = carried.corners.reshape(-1, 3), f"{root}/object {part}.{carried.object.name}"
+        if carried.carrier == GRIPPER:
             corners = corners @ arm.tool_rotation.T + arm.offsets[-1]
-            name = f"{root}/{arm.links}/object {part}.{own.object.name}"
+            name = f"{root}/{arm.links}/object {part}.{carried.object.name}"
         if np.linalg.matrix_rank(corners - corners.mean(axis=0), tol=1e-6) == 3:
             vertices, faces = hull(corners)
-            found.append(scene.add_mesh_simple(name, vertices, faces, flat_shading=True, **style))
-    return [node for node in found if node is not None]
+            results.append(scene.add_mesh_simple(name, vertices, faces, flat_shading=True, **style))
+    return [node for node in results if node is not None]
 
 
 def payload_ball(scene: Any, root: str, arm: ArmModel, part: int, size: float, **style: Any) -> Any:
@@ -127,14 +129,14 @@ def solid(scene: Any, name: str, shape: Shape, color: tuple[int, int, int], size
     """A solid's node; None of what has no end."""
     if isinstance(shape, HalfSpace):
         return None
-    at = {"position": tuple(shape.position), "wxyz": wxyz(shape.rotation), "color": color, **style}
+    placing = {"position": tuple(shape.position), "wxyz": wxyz(shape.rotation), "color": color, **style}
     corners, radius = shape.corners(), shape.thickness
     if type(shape) is Ball:
-        return scene.add_icosphere(name, radius, subdivisions=2, **at)
+        return scene.add_icosphere(name, radius, subdivisions=2, **placing)
     if radius:
         corners = (corners[:, None] + radius * _directions()).reshape(-1, 3)
     vertices, faces = hull(corners)
-    return scene.add_mesh_simple(name, vertices, faces, flat_shading=not radius, **at)
+    return scene.add_mesh_simple(name, vertices, faces, flat_shading=not radius, **placing)
 
 
 def hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -53,52 +53,52 @@ def workspace_of(scene: Any, robot: Any, q: np.ndarray, size: float) -> None:
     """Draw where the platform of a parallel robot gets with its orientation at q, and is singular."""
     names = [name for name in LENGTHS if name in robot.names]
     middle = np.array([q[robot.names.index(name)] for name in names])
-    ranges = {name: (at - size, at + size) for name, at in zip(names, middle, strict=True)}
-    found = workspace(robot.robot, ranges, at=q, cells=_CELLS)
+    ranges = {name: (value - size, value + size) for name, value in zip(names, middle, strict=True)}
+    result = workspace(robot.robot, ranges, at=q, cells=_CELLS)
     scene.add_frame("/closed chain", show_axes=False, position=robot.position, wxyz=wxyz(robot.rotation))
     place = robot.robot.kinematics.pose(q)[0]
     for name, faces, color in (
-        ("workspace", boundary(found), REACHED),
-        ("singular poses", sign_changes(found), SINGULAR),
+        ("workspace", boundary(result), REACHED),
+        ("singular poses", sign_changes(result), SINGULAR),
     ):
         if len(faces):
-            dots = middles(found, faces, place).astype(np.float32)
+            dots = middles(result, faces, place).astype(np.float32)
             scene.add_point_cloud(
                 f"/closed chain/{name}", dots, color, point_size=_DOT * size, point_shape="circle"
             )
 
 
-def boundary(found: Workspace) -> np.ndarray:
+def boundary(result: Workspace) -> np.ndarray:
     """(F, 4): axis and cell (3,) before each face between the inside and others; cells count from -1."""
-    return _between(np.pad(_solid(found, found.inside), 1).astype(int)) - [0, 1, 1, 1]
+    return _between(np.pad(_solid(result, result.inside), 1).astype(int)) - [0, 1, 1, 1]
 
 
-def sign_changes(found: Workspace) -> np.ndarray:
+def sign_changes(result: Workspace) -> np.ndarray:
     """(F, 4) faces, as those of `boundary`, inside, where the motors' volume changes its sign."""
-    signs = np.where(found.inside, np.sign(np.nan_to_num(found.dexterity)), 0.0)
-    return _between(_solid(found, signs).astype(int), only=-1)
+    signs = np.where(result.inside, np.sign(np.nan_to_num(result.dexterity)), 0.0)
+    return _between(_solid(result, signs).astype(int), only=-1)
 
 
-def _solid(found: Workspace, values: np.ndarray) -> np.ndarray:
+def _solid(result: Workspace, values: np.ndarray) -> np.ndarray:
     """Values of the cells over x, y and z; one cell along what does not vary."""
-    count = dict(zip(found.names, values.shape, strict=True))
+    count = dict(zip(result.names, values.shape, strict=True))
     return values.reshape([count.get(name, 1) for name in LENGTHS])
 
 
 def _between(cells: np.ndarray, only: int | None = None) -> np.ndarray:
     """(F, 4) faces between cells that differ, or whose product is `only`."""
-    found = []
+    results = []
     for axis in range(3):
         one, other = np.delete(cells, -1, axis), np.delete(cells, 0, axis)
         here = one != other if only is None else one * other == only
         places = np.argwhere(here)
-        found.append(np.column_stack([np.full(len(places), axis), places]))
-    return np.vstack(found)
+        results.append(np.column_stack([np.full(len(places), axis), places]))
+    return np.vstack(results)
 
 
-def middles(found: Workspace, faces: np.ndarray, place: np.ndarray) -> np.ndarray:
+def middles(result: Workspace, faces: np.ndarray, place: np.ndarray) -> np.ndarray:
     """(F, 3), m: the middles of faces; along what does not vary they are at `place` (3,)."""
-    known, points = dict(zip(found.names, found.values, strict=True)), np.tile(place, (len(faces), 1))
+    known, points = dict(zip(result.names, result.values, strict=True)), np.tile(place, (len(faces), 1))
     for axis, name in enumerate(LENGTHS):
         if name in known:
             step = known[name][1] - known[name][0]

@@ -58,7 +58,7 @@ class MarginPanel:
     def text(self, k: int) -> str:
         """Verdict, margins and foot forces at instant k, as HTML."""
         color, word = (GOOD, "STABLE") if self.stable[k] else (BAD, "A CONTACT IS LOST")
-        forces = ", ".join(quantity(float(own), "N", 3) for own in self.forces[k])
+        forces = ", ".join(quantity(float(force), "N", 3) for force in self.forces[k])
         rows = [
             ("tipping margin", quantity(float(self.moments[k]), "N m", 3)),
             ("friction used", percent(float(self.friction[k])) if np.isfinite(self.friction[k]) else "-"),

@@ -153,8 +153,8 @@ class StudioPage:
             for k, (joint, unit) in enumerate(zip(robot.names, robot.units, strict=True)):
                 scale = 180 / np.pi if unit == "rad" else 1.0
                 ends = [
-                    scale * (own if np.isfinite(own) else turn)
-                    for own, turn in ((limits.angle_min[k], -np.pi), (limits.angle_max[k], np.pi))
+                    scale * (bound if np.isfinite(bound) else turn)
+                    for bound, turn in ((limits.angle_min[k], -np.pi), (limits.angle_max[k], np.pi))
                 ]
                 label = f"{joint} [{'deg' if unit == 'rad' else 'm'}]"
                 self._slider(
@@ -213,16 +213,16 @@ class StudioPage:
 
     def conditions(self) -> Conditions:
         """What the sliders say."""
-        own = {key: handle.value for key, handle in self.sliders.items()}
+        slider_values = {key: handle.value for key, handle in self.sliders.items()}
         turning = np.array(self.study.robot.units) == "rad"
-        values = np.array([own[f"q{k}"] for k in range(len(turning))], dtype=float)
-        angles = {key: float(np.radians(own[key])) for key in ("tilt", "downhill", "towards")}
-        kept = {key: float(own[key]) for key in ("payload", "friction", "push")}
+        values = np.array([slider_values[f"q{k}"] for k in range(len(turning))], dtype=float)
+        angles = {key: float(np.radians(slider_values[key])) for key in ("tilt", "downhill", "towards")}
+        kept = {key: float(slider_values[key]) for key in ("payload", "friction", "push")}
         return Conditions(
             np.where(turning, np.radians(values), values),
             **kept,
             **angles,
-            acceleration=(own["ax"], own["ay"]),
+            acceleration=(slider_values["ax"], slider_values["ay"]),
         )
 
     # --- answers ------------------------------------------------------------------------------------------
@@ -271,18 +271,18 @@ class StudioPage:
 
     def _robustness(self) -> None:
         assert self.answered is not None
-        found = self.study.robustness(self.answered.conditions)
-        self.robust.content = _section("Robust to, each alone:", found.lines)
+        result = self.study.robustness(self.answered.conditions)
+        self.robust.content = _section("Robust to, each alone:", result.lines)
 
     def _worst_case(self) -> None:
         assert self.answered is not None
-        found = self.study.worst(self.answered.conditions)
-        if found is not None:
-            verdict = "no contact is lost" if found.stable else "A CONTACT IS LOST"
+        result = self.study.worst(self.answered.conditions)
+        if result is not None:
+            verdict = "no contact is lost" if result.stable else "A CONTACT IS LOST"
             title = f"Worst case within {self.study.limits.tolerance.scope}: {verdict}"
             kind = self.answered.verdict.verdict
-            rows = [*found.lines, ("stability, nominal", kind)]
-            self.worst.content = _section(title, rows, found.words, bad=not found.stable)
+            rows = [*result.lines, ("stability, nominal", kind)]
+            self.worst.content = _section(title, rows, result.words, bad=not result.stable)
 
     def _draw(self, answer: PostureAnswer) -> None:
         conditions, size = answer.conditions, self.size

@@ -171,7 +171,7 @@ class Act:
         if seen.gripper.size:
             return cls(name, robots, names, owner, seen, link_frames(robots[0].arm, seen.angles))
         lines = [robots[0].sticks(q) for q in seen.angles]
-        places = [np.vstack([*own, own[-1][:-1].mean(axis=0)]) for own in lines]
+        places = [np.vstack([*line, line[-1][:-1].mean(axis=0)]) for line in lines]
         frames = LinkFrames(np.empty((len(times), 0, 3, 3)), np.array(places))
         return cls(name, robots, names, owner, seen, frames, lines)
 
@@ -206,13 +206,13 @@ def _panel(
 
 def sampled_parts(parts: Sequence[Part], times: np.ndarray) -> tuple[np.ndarray, MotionSamples]:
     """Number (T,) of the part at each time, s, and samples there with the forces that reports show."""
-    owner, found = np.zeros(len(times), dtype=int), []
-    for number, part, at in owners(parts, times):
-        owner[at] = number
-        if len(at):
-            local = np.clip(times[at] - part.begin, 0.0, part.motion.end)
-            found.append(part.robot.samples(part.motion, local))
-    seen = samples_joined(found)
+    owner, results = np.zeros(len(times), dtype=int), []
+    for number, part, instants in owners(parts, times):
+        owner[instants] = number
+        if len(instants):
+            local = np.clip(times[instants] - part.begin, 0.0, part.motion.end)
+            results.append(part.robot.samples(part.motion, local))
+    seen = samples_joined(results)
     return owner, replace(seen, slip=reported_slip(seen.states, seen.slip))
 
 

@@ -136,10 +136,12 @@ class Reach(PlacementLimit):
     kind = "reach"
     has_margin = False
 
-    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
-        wanted, base = self.problem.tasks[found.task], found.base
-        at, turned = gripper_pose(self.problem.robot.arm, found.q)
-        missed = np.linalg.norm(found.origin + (base @ at[:, :, None])[:, :, 0] - wanted.position, axis=1)
+    def margins(self, evaluation: TaskEvaluation) -> list[ConstraintRows]:
+        wanted, base = self.problem.tasks[evaluation.task], evaluation.base
+        position, turned = gripper_pose(self.problem.robot.arm, evaluation.q)
+        missed = np.linalg.norm(
+            evaluation.origin + (base @ position[:, :, None])[:, :, 0] - wanted.position, axis=1
+        )
         world = base @ turned
         if wanted.orientation == "full":
             difference = wanted.rotation.T @ world
@@ -148,21 +150,21 @@ class Reach(PlacementLimit):
         else:
             axis, goal = world @ wanted.tool_axis, wanted.rotation @ wanted.tool_axis
             sine, cosine = np.linalg.norm(np.cross(axis, goal), axis=1), axis @ goal
-        turn = np.arctan2(sine, cosine) if wanted.orientation != "free" else np.zeros(len(found.q))
+        turn = np.arctan2(sine, cosine) if wanted.orientation != "free" else np.zeros(len(evaluation.q))
         labels, scale = ["gripper position", "gripper orientation"], np.array([LENGTH_UNIT, ANGLE_UNIT])
         values = np.column_stack([missed, turn])
         return [self.row(labels, values, POSE_TOLERANCE, True, ("m", "rad"), scale)]
 
-    def functions(self, at: Symbols) -> list[Twice]:
+    def functions(self, symbols: Symbols) -> list[Twice]:
         """Per task rows that vanish where the gripper has its pose."""
-        tip, turned, _ = gripper_kinematics(self.problem.robot.arm)(at.q)
-        world, axes = at.world(tip), at.base @ turned
-        return [self._function(at, task, world, axes) for task in self.problem.tasks]
+        tip, turned, _ = gripper_kinematics(self.problem.robot.arm)(symbols.q)
+        world, axes = symbols.world(tip), symbols.base @ turned
+        return [self._function(symbols, task, world, axes) for task in self.problem.tasks]
 
     def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
         return [CaseRows(t, layout.y[t], f.labels, 0.0, 0.0, function=f) for t, f in enumerate(functions)]
 
-    def _function(self, at: Symbols, task: GripperTask, world: cs.SX, axes: cs.SX) -> Twice:
+    def _function(self, symbols: Symbols, task: GripperTask, world: cs.SX, axes: cs.SX) -> Twice:
         rows = [(world - cs.SX(task.position)) / LENGTH_UNIT]
         if task.orientation == "full":
             error = cs.SX(task.rotation.T) @ axes
@@ -177,11 +179,11 @@ class Reach(PlacementLimit):
             axis = axes @ cs.SX(task.tool_axis)
             rows.append(_turned(cs.SX(across) @ axis, cs.SX(goal).T @ axis))
         values = cs.vertcat(*rows)
-        kept, missed = _changeable(at, values)
+        kept, missed = _changeable(symbols, values)
         prefix = f"{task.name}: " if len(self.problem.tasks) > 1 else ""
         words = ["position"] * min(3, len(kept)) + ["orientation"] * max(len(kept) - 3, 0)
         labels = [RowLabel(self.kind, f"{prefix}gripper {word}") for word in words]
-        return Twice.of(at.y, [], values[kept], labels, missed, at.local)
+        return Twice.of(symbols.y, [], values[kept], labels, missed, symbols.local)
 
 
 class JointAngles(PlacementLimit):
@@ -191,13 +193,17 @@ class JointAngles(PlacementLimit):
     together = True
     counted_once = True
 
-    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
+    def margins(self, evaluation: TaskEvaluation) -> list[ConstraintRows]:
         arm, rows = self.problem.robot.arm, []
-        own, units = arm.limits, np.array(arm.units)
-        for limit, upper, word in ((own.angle_min, False, "lower"), (own.angle_max, True, "upper")):
-            at = np.flatnonzero(np.isfinite(limit))
-            labels = [f"joint {j + 1}: {word} angle limit" for j in at]
-            rows.append(self.row(labels, found.q[:, at], limit[at], upper, tuple(units[at]), ANGLE_UNIT))
+        limits, units = arm.limits, np.array(arm.units)
+        for limit, upper, word in ((limits.angle_min, False, "lower"), (limits.angle_max, True, "upper")):
+            indices = np.flatnonzero(np.isfinite(limit))
+            labels = [f"joint {j + 1}: {word} angle limit" for j in indices]
+            rows.append(
+                self.row(
+                    labels, evaluation.q[:, indices], limit[indices], upper, tuple(units[indices]), ANGLE_UNIT
+                )
+            )
         return rows
 
 
@@ -213,13 +219,15 @@ class Torque(PlacementLimit):
         self.joints = problem.limited_joints
         self.most = problem.most_torque[self.joints]
 
-    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
-        kept, at = found.constrained, self.joints
-        labels = [f"joint {j + 1} ({found.cases[c].name})" for c in kept for j in at]
-        values = np.abs(found.torques[:, kept][:, :, at]).reshape(len(found.q), len(kept) * len(at))
+    def margins(self, evaluation: TaskEvaluation) -> list[ConstraintRows]:
+        kept, joints = evaluation.constrained, self.joints
+        labels = [f"joint {j + 1} ({evaluation.cases[c].name})" for c in kept for j in joints]
+        values = np.abs(evaluation.torques[:, kept][:, :, joints]).reshape(
+            len(evaluation.q), len(kept) * len(joints)
+        )
         limits = np.tile(self.most, len(kept))
         units = self.problem.robot.motor_units
-        return [self.row(labels, values, limits, True, tuple(units[j] for _ in kept for j in at), limits)]
+        return [self.row(labels, values, limits, True, tuple(units[j] for _ in kept for j in joints), limits)]
 
     def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
         result = []
@@ -229,13 +237,15 @@ class Torque(PlacementLimit):
             result.append(CaseRows(i, layout.y[case.task], labels, -wide, wide))
         return result
 
-    def values(self, at: Point, block: CaseRows) -> np.ndarray:
-        return at.loads[block.of][self.joints] / self.most
+    def values(self, point: Point, block: CaseRows) -> np.ndarray:
+        return point.loads[block.of][self.joints] / self.most
 
-    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
-        return at.slopes[block.of][self.joints] / self.most[:, None]
+    def jacobian(self, point: Point, block: CaseRows) -> np.ndarray:
+        return point.slopes[block.of][self.joints] / self.most[:, None]
 
-    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
+    def add_hessian(
+        self, sums: Hessian, point: Point, blocks: list[CaseRows], multipliers: np.ndarray
+    ) -> None:
         for block in blocks:
             sums.on_loads[block.of][self.joints] += multipliers[block.rows] / self.most
 
@@ -262,53 +272,60 @@ class Clearance(PlacementLimit):
     def _checked(self, obstacle: Obstacle) -> tuple[np.ndarray, np.ndarray, list[str]]:
         """Numbers and radii of the arm's spheres that are checked against an obstacle, names of the gaps."""
         names = self.arm.floor_sets if isinstance(obstacle, Floor) else self.arm.obstacle_sets
-        index, radii, labels, at = [], [], [], 0
+        index, radii, labels, offset = [], [], [], 0
         for spheres in self.arm.sphere_sets:
             for k, radius in enumerate(spheres.radii):
                 if spheres.name in names:
-                    index.append(at)
+                    index.append(offset)
                     radii.append(radius)
                     labels.append(f"{spheres.name}[{k + 1}] and {obstacle.name}")
-                at += 1
+                offset += 1
         return np.array(index, dtype=int), np.array(radii), labels
 
-    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
+    def margins(self, evaluation: TaskEvaluation) -> list[ConstraintRows]:
         rows = []
 
         def add(labels: list[str], gaps: np.ndarray, least: np.ndarray | float = self._least) -> None:
             rows.append(self.row(labels, gaps, least, False, "m", LENGTH_UNIT))
 
         if self._solids:
-            add(*self._solids.gaps(found))
+            add(*self._solids.gaps(evaluation))
             return rows
         if self._collision.labels:
-            add([f"{x.first} and {x.second}" for x in self._collision.labels], self._collision.gaps(found.q))
+            add(
+                [f"{x.first} and {x.second}" for x in self._collision.labels],
+                self._collision.gaps(evaluation.q),
+            )
         if self._against:
-            world = found.world(self._spheres(found.q)[0].transpose(0, 2, 1))
+            world = evaluation.world(self._spheres(evaluation.q)[0].transpose(0, 2, 1))
             for obstacle, index, radii, labels in self._against:
                 add(labels, obstacle.gaps(world[:, index], radii))
         return rows
 
-    def functions(self, at: Symbols) -> list[Any]:
+    def functions(self, symbols: Symbols) -> list[Any]:
         """One of all gaps, for all tasks."""
         if self._solids:
-            return self._solids.functions(at, self.kind)
+            return self._solids.functions(symbols, self.kind)
         gaps, names = [], [f"{x.first} and {x.second}" for x in self._collision.labels]
         if names:
             assert isinstance(self._collision, CollisionModel)  # all else is a matter of `WorldSolids`
-            gaps.append(self._collision.function(at.q))
+            gaps.append(self._collision.function(symbols.q))
         if self._against:
-            centres = sphere_centres(self.arm)(at.q)
+            centres = sphere_centres(self.arm)(symbols.q)
             for obstacle, index, radii, labels in self._against:
                 gaps += [
-                    obstacle.gap(at.world(centres[:, int(i)]), radius)
+                    obstacle.gap(symbols.world(centres[:, int(i)]), radius)
                     for i, radius in zip(index, radii, strict=True)
                 ]
                 names += labels
         if not gaps:
             return []
         labels = [RowLabel(self.kind, name) for name in names]
-        return [Twice.of(at.y, [], (cs.vertcat(*gaps) - self._least) / LENGTH_UNIT, labels, local=at.local)]
+        return [
+            Twice.of(
+                symbols.y, [], (cs.vertcat(*gaps) - self._least) / LENGTH_UNIT, labels, local=symbols.local
+            )
+        ]
 
     def blocks(self, layout: Variables, functions: list[Twice]) -> list[CaseRows]:
         result = []
@@ -329,7 +346,7 @@ class Manipulability(PlacementLimit):
         limits = problem.limits
         self._logs = LogMeasures(problem.robot.arm, limits) if limited(limits) else None
 
-    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
+    def margins(self, evaluation: TaskEvaluation) -> list[ConstraintRows]:
         arm, limits, rows = self.problem.robot.arm, self.problem.limits, []
 
         def add(name: str, values: np.ndarray, bound: float, sign: float) -> None:
@@ -340,9 +357,9 @@ class Manipulability(PlacementLimit):
 
         for k, name in enumerate(MEASURES):
             if (most := getattr(limits, name)) is not None:
-                add(name, measures(arm, found.q, limits.jacobian_length)[:, [k]], most, -1.0)
+                add(name, measures(arm, evaluation.q, limits.jacobian_length)[:, [k]], most, -1.0)
         if limits.index is not None and limits.index_min is not None:
-            values = np.maximum(index_of(arm, found.q, limits), _SMALLEST_INDEX)[:, None]
+            values = np.maximum(index_of(arm, evaluation.q, limits), _SMALLEST_INDEX)[:, None]
             add(limits.index, values, limits.index_min, 1.0)
         return rows
 
@@ -353,23 +370,25 @@ class Manipulability(PlacementLimit):
         upper = np.array(list(self._logs.bounds.values())) / LOG_UNIT
         return [CaseRows(t, q, labels, -np.inf, upper) for t, q in enumerate(layout.q)]
 
-    def values(self, at: Point, block: CaseRows) -> np.ndarray:
-        return self._at(at)[0][block.of] / LOG_UNIT
+    def values(self, point: Point, block: CaseRows) -> np.ndarray:
+        return self._at(point)[0][block.of] / LOG_UNIT
 
-    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
-        return self._at(at)[1][block.of] / LOG_UNIT
+    def jacobian(self, point: Point, block: CaseRows) -> np.ndarray:
+        return self._at(point)[1][block.of] / LOG_UNIT
 
-    def _at(self, at: Point) -> tuple[np.ndarray, np.ndarray]:
+    def _at(self, point: Point) -> tuple[np.ndarray, np.ndarray]:
         """Values (tasks, m) and gradients (tasks, m, n)."""
         logs = self._logs
         assert logs is not None  # else there are no rows
-        return at.once(self, lambda: logs.gradient(at.x[np.array(at.layout.q)]))
+        return point.once(self, lambda: logs.gradient(point.x[np.array(point.layout.q)]))
 
-    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
+    def add_hessian(
+        self, sums: Hessian, point: Point, blocks: list[CaseRows], multipliers: np.ndarray
+    ) -> None:
         if not blocks or self._logs is None:
             return
         on = np.array([multipliers[block.rows] for block in blocks]) / LOG_UNIT
-        bends = self._logs.hessian(at.x[np.array([block.columns for block in blocks])], on)
+        bends = self._logs.hessian(point.x[np.array([block.columns for block in blocks])], on)
         for block, bend in zip(blocks, bends, strict=True):
             sums.add(block.columns, bend)
 
@@ -379,10 +398,10 @@ def _turned(sines: cs.SX, cosine: cs.SX) -> cs.SX:
     return 2 * sines / (1 + cosine + _HALF_TURN) / ANGLE_UNIT
 
 
-def _changeable(at: Symbols, values: cs.SX) -> tuple[list[int], float]:
+def _changeable(symbols: Symbols, values: cs.SX) -> tuple[list[int], float]:
     """Rows that some variable changes (in a planar robot not all), and how far the others are from 0."""
-    inputs = [at.y, *at.local.symbols]
-    function = cs.Function("probe", inputs, [values, cs.jacobian(values, at.y)])
+    inputs = [symbols.y, *symbols.local.symbols]
+    function = cs.Function("probe", inputs, [values, cs.jacobian(values, symbols.y)])
     rng = np.random.default_rng(0)
     slope, worst = np.zeros(values.numel()), np.zeros(values.numel())
     for _ in range(_PROBES):

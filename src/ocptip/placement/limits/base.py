@@ -29,11 +29,11 @@ from ocptip.robots.geometry import Floor, in_closed_form
 class BaseLimit(PlacementLimit):
     """A limit that no arm has a part in."""
 
-    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
+    def margins(self, evaluation: PlacedBase) -> list[ConstraintRows]:
         """How far it is kept at N candidates."""
         raise NotImplementedError
 
-    def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
+    def expressions(self, symbols: Symbols) -> list[tuple[cs.SX, str]]:
         """Values, m, that must be >= 0, with names; none: variables' bounds keep it."""
         return []
 
@@ -43,13 +43,13 @@ class ParameterBounds(BaseLimit):
 
     kind = "bounds"
 
-    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
-        terrain, rows = found.terrain, []
+    def margins(self, evaluation: PlacedBase) -> list[ConstraintRows]:
+        terrain, rows = evaluation.terrain, []
         for bound, upper, word in ((terrain.lower, False, "lower"), (terrain.upper, True, "upper")):
             for i in np.flatnonzero(np.isfinite(bound)):
                 unit, scale = ("rad", ANGLE_UNIT) if terrain.angular[i] else ("m", LENGTH_UNIT)
                 label = f"{terrain.parameters[i]}: {word} bound"
-                rows.append(self.row([label], found.parameters[:, [i]], bound[[i]], upper, unit, scale))
+                rows.append(self.row([label], evaluation.parameters[:, [i]], bound[[i]], upper, unit, scale))
         return rows
 
 
@@ -58,11 +58,11 @@ class ContactArea(BaseLimit):
 
     kind = "contact area"
 
-    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
-        area, rows = found.terrain.contact_area, []
+    def margins(self, evaluation: PlacedBase) -> list[ConstraintRows]:
+        area, rows = evaluation.terrain.contact_area, []
         if area is None:
             return rows
-        world = found.world(found.contacts)
+        world = evaluation.world(evaluation.contacts)
         for axis, name in enumerate("xy"):
             labels = [f"contact {k + 1}: {name}" for k in range(world.shape[1])]
             for limit, upper in zip(area[:, axis], (False, True), strict=True):
@@ -70,12 +70,12 @@ class ContactArea(BaseLimit):
                     rows.append(self.row(labels, world[:, :, axis], limit, upper, "m", LENGTH_UNIT))
         return rows
 
-    def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
-        area, rows = at.terrain.contact_area, []
+    def expressions(self, symbols: Symbols) -> list[tuple[cs.SX, str]]:
+        area, rows = symbols.terrain.contact_area, []
         if area is None:
             return rows
-        for k in range(at.contacts.size2()):
-            point = at.world(at.contacts[:, k])
+        for k in range(symbols.contacts.size2()):
+            point = symbols.world(symbols.contacts[:, k])
             for axis, name in enumerate("xy"):
                 for limit, sign in zip(area[:, axis], (1.0, -1.0), strict=True):
                     if np.isfinite(limit):
@@ -98,9 +98,9 @@ class BaseClearance(BaseLimit):
         around = (*problem.obstacles, *problem.keep_out)
         self._around = [obstacle for obstacle in around if not isinstance(obstacle, Floor)]
         arm = problem.robot.arm
-        own = [] if arm.geometry else geometry_of_spheres(arm).shapes
-        at = arm.mount_rotation, arm.mount_position
-        mounted = [replace(s, shape=s.shape.placed(*at)) for s in own if not s.body]
+        shapes = [] if arm.geometry else geometry_of_spheres(arm).shapes
+        mount = arm.mount_rotation, arm.mount_position
+        mounted = [replace(s, shape=s.shape.placed(*mount)) for s in shapes if not s.body]
         balls = [s for s in (*problem.robot.shapes, *mounted) if in_closed_form(s)]
         contacts = np.array([contact.position for contact in problem.robot.support.contacts])
         bare = [
@@ -113,18 +113,18 @@ class BaseClearance(BaseLimit):
         self._centres = np.array([*contacts[bare], *(s.shape.position for s in balls)]).reshape(-1, 3)
         self._radii = np.array([*np.zeros(len(bare)), *(s.shape.thickness for s in balls)])
 
-    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
+    def margins(self, evaluation: PlacedBase) -> list[ConstraintRows]:
         least, rows = self.problem.limits.base_clearance, []
-        world = found.world(self._centres)
+        world = evaluation.world(self._centres)
         for obstacle in self._around:
             labels = [f"{name} and {obstacle.name}" for name in self._names]
             rows.append(self.row(labels, obstacle.gaps(world, self._radii), least, False, "m", LENGTH_UNIT))
         return rows
 
-    def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
+    def expressions(self, symbols: Symbols) -> list[tuple[cs.SX, str]]:
         least, rows = self.problem.limits.base_clearance, []
-        for name, own, radius in zip(self._names, self._centres, self._radii, strict=True):
-            centre = at.world(own)
+        for name, local_centre, radius in zip(self._names, self._centres, self._radii, strict=True):
+            centre = symbols.world(local_centre)
             for obstacle in self._around:
                 rows.append((obstacle.gap(centre, radius) - least, f"{name} and {obstacle.name}"))
         return rows
@@ -135,21 +135,21 @@ class Strokes(BaseLimit):
 
     kind = "stroke"
 
-    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
-        conforming = found.terrain.conforming
+    def margins(self, evaluation: PlacedBase) -> list[ConstraintRows]:
+        conforming = evaluation.terrain.conforming
         if conforming is None or conforming.stroke is None:
             return []
-        labels = [f"leg {k + 1}" for k in range(found.strokes.shape[1])]
+        labels = [f"leg {k + 1}" for k in range(evaluation.strokes.shape[1])]
         ends = zip(conforming.stroke, (False, True), strict=True)
-        return [self.row(labels, found.strokes, limit, upper, "m", LENGTH_UNIT) for limit, upper in ends]
+        return [self.row(labels, evaluation.strokes, limit, upper, "m", LENGTH_UNIT) for limit, upper in ends]
 
-    def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
-        if at.terrain.conforming is None or at.terrain.conforming.stroke is None:
+    def expressions(self, symbols: Symbols) -> list[tuple[cs.SX, str]]:
+        if symbols.terrain.conforming is None or symbols.terrain.conforming.stroke is None:
             return []
-        ends = list(zip(at.terrain.conforming.stroke, (1.0, -1.0), strict=True))
+        ends = list(zip(symbols.terrain.conforming.stroke, (1.0, -1.0), strict=True))
         return [
             (sign * (stroke - limit), f"leg {k}")
-            for k, stroke in enumerate(cs.vertsplit(at.strokes), 1)
+            for k, stroke in enumerate(cs.vertsplit(symbols.strokes), 1)
             for limit, sign in ends
         ]
 
@@ -160,11 +160,11 @@ class OnGround(BaseLimit):
     kind = "feet"
     has_margin = False
 
-    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
-        if found.terrain.conforming is None:
+    def margins(self, evaluation: PlacedBase) -> list[ConstraintRows]:
+        if evaluation.terrain.conforming is None:
             return []
         labels = ["distance from the ground"]
-        return [self.row(labels, found.missed[:, None], GAP_TOLERANCE, True, "m", LENGTH_UNIT)]
+        return [self.row(labels, evaluation.missed[:, None], GAP_TOLERANCE, True, "m", LENGTH_UNIT)]
 
 
 class TerrainLimit(BaseLimit):
@@ -172,17 +172,23 @@ class TerrainLimit(BaseLimit):
 
     kind = "terrain"
 
-    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
-        names = found.terrain.constraint_names
+    def margins(self, evaluation: PlacedBase) -> list[ConstraintRows]:
+        names = evaluation.terrain.constraint_names
         if not names:
             return []
-        values = found.terrain.constraint_values(found.parameters)
+        values = evaluation.terrain.constraint_values(evaluation.parameters)
         return [self.row(names, values, 0.0, False, "", LENGTH_UNIT)]
 
-    def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
-        if at.terrain.constraints is None:
+    def expressions(self, symbols: Symbols) -> list[tuple[cs.SX, str]]:
+        if symbols.terrain.constraints is None:
             return []
-        return list(zip(cs.vertsplit(at.terrain.constraints(at.p)), at.terrain.constraint_names, strict=True))
+        return list(
+            zip(
+                cs.vertsplit(symbols.terrain.constraints(symbols.p)),
+                symbols.terrain.constraint_names,
+                strict=True,
+            )
+        )
 
 
 class Ground(PlacementLimit):
@@ -197,18 +203,22 @@ class Ground(PlacementLimit):
         super().__init__(problem)
         self.parts = tuple(kind(problem) for kind in kinds)
 
-    def margins(self, found: PlacedBase) -> list[ConstraintRows]:
+    def margins(self, evaluation: PlacedBase) -> list[ConstraintRows]:
         """How far all of them are kept at N candidates."""
-        return [rows for part in self.parts for rows in part.margins(found)]
+        return [rows for part in self.parts for rows in part.margins(evaluation)]
 
-    def functions(self, at: Symbols) -> list[Twice]:
-        rows = [(part.kind, *row) for part in self.parts for row in part.expressions(at)]
+    def functions(self, symbols: Symbols) -> list[Twice]:
+        rows = [(part.kind, *row) for part in self.parts for row in part.expressions(symbols)]
         if not rows:
             return []
         labels = [RowLabel(kind, name) for kind, _, name in rows]
         return [
             Twice.of(
-                at.p, [], cs.vertcat(*(value for _, value, _ in rows)) / LENGTH_UNIT, labels, local=at.local
+                symbols.p,
+                [],
+                cs.vertcat(*(value for _, value, _ in rows)) / LENGTH_UNIT,
+                labels,
+                local=symbols.local,
             )
         ]
 

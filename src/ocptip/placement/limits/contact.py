@@ -54,17 +54,19 @@ class TipOverLimit(PlacementLimit):
         smallest = np.maximum(np.min(moments, axis=-1), 0.0)
         return tip.reference_moment / (tip.reference_moment + smallest)
 
-    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
+    def margins(self, evaluation: TaskEvaluation) -> list[ConstraintRows]:
         if not self.moments.count:
             return []
-        smallest = np.min(found.moments[:, found.constrained], axis=(2, 3))
-        return [self.row(found.names, smallest, self.quantity.least_moment, False, "N m", self.quantity.unit)]
+        smallest = np.min(evaluation.moments[:, evaluation.constrained], axis=(2, 3))
+        return [
+            self.row(evaluation.names, smallest, self.quantity.least_moment, False, "N m", self.quantity.unit)
+        ]
 
-    def functions(self, at: Symbols) -> list[PlacedMoments]:
+    def functions(self, symbols: Symbols) -> list[PlacedMoments]:
         """Moments also as functions of the place, where contacts move."""
         return (
-            [PlacedMoments(at, self.pairs, corner_maps(self.problem).shape[2])]
-            if at.moving and self.moments.count
+            [PlacedMoments(symbols, self.pairs, corner_maps(self.problem).shape[2])]
+            if symbols.moving and self.moments.count
             else []
         )
 
@@ -79,49 +81,51 @@ class TipOverLimit(PlacementLimit):
             result.append(CaseRows(i, layout.y[case.task], labels, lower, np.inf, slack, function=placed))
         return result
 
-    def start(self, at: Point, x: np.ndarray) -> None:
-        if (slack := at.layout.slack.get("moment")) is not None:
-            least = min(np.min(self._at(at)[i].moments) for i in at.layout.counting)
+    def start(self, point: Point, x: np.ndarray) -> None:
+        if (slack := point.layout.slack.get("moment")) is not None:
+            least = min(np.min(self._at(point)[i].moments) for i in point.layout.counting)
             x[slack] = least / self.quantity.unit
 
-    def values(self, at: Point, block: CaseRows) -> np.ndarray:
-        values = self._at(at)[block.of].moments / self.quantity.unit
-        return values if block.slack is None else values - at.x[block.slack]
+    def values(self, point: Point, block: CaseRows) -> np.ndarray:
+        values = self._at(point)[block.of].moments / self.quantity.unit
+        return values if block.slack is None else values - point.x[block.slack]
 
-    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
-        worst, loads = self._at(at)[block.of], at.loads[block.of][at.layout.n :]
-        slope = worst.by_loads @ at.slopes[block.of][at.layout.n :]
+    def jacobian(self, point: Point, block: CaseRows) -> np.ndarray:
+        worst, loads = self._at(point)[block.of], point.loads[block.of][point.layout.n :]
+        slope = worst.by_loads @ point.slopes[block.of][point.layout.n :]
         if block.function is not None:
-            slope[:, : at.layout.k] += block.function.slope(at.x[at.layout.p], loads, worst)
+            slope[:, : point.layout.k] += block.function.slope(point.x[point.layout.p], loads, worst)
         slope = slope / self.quantity.unit
         return slope if block.slack is None else np.column_stack([slope, np.full(len(slope), -1.0)])
 
-    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
-        n, k = at.layout.n, at.layout.k
+    def add_hessian(
+        self, sums: Hessian, point: Point, blocks: list[CaseRows], multipliers: np.ndarray
+    ) -> None:
+        n, k = point.layout.n, point.layout.k
         for block in blocks:
-            worst, on = self._at(at)[block.of], multipliers[block.rows] / self.quantity.unit
+            worst, on = self._at(point)[block.of], multipliers[block.rows] / self.quantity.unit
             sums.on_loads[block.of][n:] += on @ worst.by_loads
             if block.function is not None:
-                y, loads = at.layout.y[at.layout.cases[block.of].task], at.loads[block.of][n:]
-                own = block.function.hessian(at.x[at.layout.p], loads, worst, on)
-                along = np.vstack([np.eye(k, len(y)), at.slopes[block.of][n:]])
-                sums.add(y, along.T @ own @ along)
+                y, loads = point.layout.y[point.layout.cases[block.of].task], point.loads[block.of][n:]
+                block_hessian = block.function.hessian(point.x[point.layout.p], loads, worst, on)
+                along = np.vstack([np.eye(k, len(y)), point.slopes[block.of][n:]])
+                sums.add(y, along.T @ block_hessian @ along)
 
-    def _at(self, at: Point) -> list[LeastMoments]:
+    def _at(self, point: Point) -> list[LeastMoments]:
         """Per load case the moments about the axes, each at the corner of the tolerance where it is
         minimal.
         """
 
         def evaluate() -> list[LeastMoments]:
-            corners, forces = at.layout.corners, None
-            if at.layout.stand.conforms:
-                found = addable(at.footing.support, self.pairs, at.wrenches)
-                moments, slopes, forces = found.moments, found.slopes, found.forces
+            corners, forces = point.layout.corners, None
+            if point.layout.stand.conforms:
+                result = addable(point.footing.support, self.pairs, point.wrenches)
+                moments, slopes, forces = result.moments, result.slopes, result.forces
             else:
-                moments, slopes = self.moments(at.wrenches)
+                moments, slopes = self.moments(point.wrenches)
             return least(moments, slopes, forces, corners)
 
-        return at.once(self, evaluate)
+        return point.once(self, evaluate)
 
 
 class SlipLimit(PlacementLimit):
@@ -151,41 +155,43 @@ class SlipLimit(PlacementLimit):
             result.append(CaseRows(j, layout.y[case.task], [label], -np.inf, upper, slack))
         return result
 
-    def start(self, at: Point, x: np.ndarray) -> None:
-        if (slack := at.layout.slack.get("slip")) is not None:
-            cases = at.layout.contact_cases(at.layout.counting)
-            x[slack] = np.max(known(Loaded(at.footing, at.wrenches[cases]).slip.GT))
+    def start(self, point: Point, x: np.ndarray) -> None:
+        if (slack := point.layout.slack.get("slip")) is not None:
+            cases = point.layout.contact_cases(point.layout.counting)
+            x[slack] = np.max(known(Loaded(point.footing, point.wrenches[cases]).slip.GT))
 
-    def values(self, at: Point, block: CaseRows) -> np.ndarray:
-        value = self._at(at)[0][block.of]
-        return np.array([value if block.slack is None else value - at.x[block.slack]])
+    def values(self, point: Point, block: CaseRows) -> np.ndarray:
+        value = self._at(point)[0][block.of]
+        return np.array([value if block.slack is None else value - point.x[block.slack]])
 
-    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
-        slope = self._at(at)[1][block.of] @ at.wrench_slope(block.of)
+    def jacobian(self, point: Point, block: CaseRows) -> np.ndarray:
+        slope = self._at(point)[1][block.of] @ point.wrench_slope(block.of)
         return (slope if block.slack is None else np.append(slope, -1.0))[None]
 
-    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
+    def add_hessian(
+        self, sums: Hessian, point: Point, blocks: list[CaseRows], multipliers: np.ndarray
+    ) -> None:
         if not blocks:
             return
-        slopes = self._at(at)[1]
+        slopes = self._at(point)[1]
         on = {block.of: float(multipliers[block.rows][0]) for block in blocks}
         weighty = [j for j, factor in on.items() if abs(factor) > 1e-9]
-        bends = dict(zip(weighty, self._bends(at, weighty), strict=True))
+        bends = dict(zip(weighty, self._bends(point, weighty), strict=True))
         for j, factor in on.items():
             bend = bends.get(j)
             twice = None if bend is None else factor * (bend + bend.T) / 2
             sums.add_on_wrench(j, factor * slopes[j], twice)
 
-    def _bends(self, at: Point, cases: list[int]) -> list[np.ndarray | None]:
+    def _bends(self, point: Point, cases: list[int]) -> list[np.ndarray | None]:
         """Second derivatives (6, 6) of GT by the wrench, by differences of its exact gradient."""
         if not cases:
             return []
-        length = at.footing.support.length
-        wrenches, slopes = at.wrenches[cases], self._at(at)[1]
+        length = point.footing.support.length
+        wrenches, slopes = point.wrenches[cases], self._at(point)[1]
         size = np.max(np.abs(wrenches * np.r_[1, 1, 1, np.ones(3) / length]), axis=1)
         steps = _STEP * size[:, None] * np.r_[1, 1, 1, np.full(3, length)]
         moved = wrenches[:, None] + steps[:, :, None] * np.eye(6)
-        gradients = self.quantity.exact_rows(Loaded(at.footing, moved.reshape(-1, 6)))[1].reshape(-1, 6, 6)
+        gradients = self.quantity.exact_rows(Loaded(point.footing, moved.reshape(-1, 6)))[1].reshape(-1, 6, 6)
         result = []
         for i, step, gradient in zip(cases, steps, gradients, strict=True):
             bend = (gradient - slopes[i]) / step[:, None]
@@ -193,17 +199,17 @@ class SlipLimit(PlacementLimit):
             result.append(bend if relative < _MOST_CURVATURE else None)
         return result
 
-    def _at(self, at: Point) -> tuple[dict[int, float], dict[int, np.ndarray]]:
+    def _at(self, point: Point) -> tuple[dict[int, float], dict[int, np.ndarray]]:
         """GT and its derivative (6,) by held contact case."""
 
         def evaluate() -> tuple[dict, dict]:
-            held = at.layout.held
+            held = point.layout.held
             if not held:
                 return {}, {}
-            GT, slopes = self.quantity.exact_rows(Loaded(at.footing, at.wrenches[held]))
+            GT, slopes = self.quantity.exact_rows(Loaded(point.footing, point.wrenches[held]))
             return dict(zip(held, GT[:, 0].tolist(), strict=True)), dict(zip(held, slopes[:, 0], strict=True))
 
-        return at.once(self, evaluate)
+        return point.once(self, evaluate)
 
 
 class HeldForces(PlacementLimit):
@@ -225,48 +231,52 @@ class HeldForces(PlacementLimit):
             result.append(CaseRows(j, columns, labels, lower, upper, slack, function=piece))
         return result
 
-    def start(self, at: Point, x: np.ndarray) -> None:
-        forces, held = at.layout.forces, at.layout.held
+    def start(self, point: Point, x: np.ndarray) -> None:
+        forces, held = point.layout.forces, point.layout.held
         if forces is not None and held:
-            x[np.concatenate(at.layout.held_forces)] = forces.start(at.wrenches[held], at.footing)[0].ravel()
+            x[np.concatenate(point.layout.held_forces)] = forces.start(point.wrenches[held], point.footing)[
+                0
+            ].ravel()
 
-    def values(self, at: Point, block: CaseRows) -> np.ndarray:
-        forces, F, bound, _ = self._parts(at, block)
-        balance = forces.balance(at.x[at.layout.p], F, at.wrenches[block.of])
+    def values(self, point: Point, block: CaseRows) -> np.ndarray:
+        forces, F, bound, _ = self._parts(point, block)
+        balance = forces.balance(point.x[point.layout.p], F, point.wrenches[block.of])
         return np.concatenate([balance, block.function.rows(F, bound)[0]])
 
-    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
-        forces, F, bound, inside = self._parts(at, block)
+    def jacobian(self, point: Point, block: CaseRows) -> np.ndarray:
+        forces, F, bound, inside = self._parts(point, block)
         _, by_force, by_bound = block.function.rows(F, bound)
         result = np.zeros((len(block.labels), len(block.columns)))
-        by_place, held = forces.slopes(at.x[at.layout.p], F)
-        result[:6, : inside.start] = forces.per_wrench @ at.wrench_slope(block.of)
-        result[:6, : at.layout.k] += by_place
+        by_place, held = forces.slopes(point.x[point.layout.p], F)
+        result[:6, : inside.start] = forces.per_wrench @ point.wrench_slope(block.of)
+        result[:6, : point.layout.k] += by_place
         result[:6, inside], result[6:, inside] = held, by_force
         if block.slack is not None:
             result[6:, -1] = by_bound
         return result
 
-    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
+    def add_hessian(
+        self, sums: Hessian, point: Point, blocks: list[CaseRows], multipliers: np.ndarray
+    ) -> None:
         for block in blocks:
-            on, (forces, F, bound, inside) = multipliers[block.rows], self._parts(at, block)
+            on, (forces, F, bound, inside) = multipliers[block.rows], self._parts(point, block)
             sums.add_on_wrench(block.of, on[:6] @ forces.per_wrench)
-            p = at.layout.p
-            if (moved := forces.hessian(at.x[p], F, on[:6])) is not None:
+            p = point.layout.p
+            if (moved := forces.hessian(point.x[p], F, on[:6])) is not None:
                 sums.add(np.r_[p, block.columns[inside]], moved)
-            own, mixed, twice = block.function.hessian(F, bound, on[6:])
-            sums.add(block.columns[inside], own)
+            block_hessian, mixed, twice = block.function.hessian(F, bound, on[6:])
+            sums.add(block.columns[inside], block_hessian)
             if block.slack is not None:
                 sums.add_mixed(block.slack, block.columns[inside], mixed)
                 sums.matrix[block.slack, block.slack] += twice
 
-    def _parts(self, at: Point, block: CaseRows) -> tuple[ContactForces, np.ndarray, float, slice]:
+    def _parts(self, point: Point, block: CaseRows) -> tuple[ContactForces, np.ndarray, float, slice]:
         """Contact forces, their values (3 n,), the maximum use of friction, and their place in columns."""
-        forces, first = at.layout.forces, at.layout.k + at.layout.n
+        forces, first = point.layout.forces, point.layout.k + point.layout.n
         assert forces is not None  # else there is no such block
         inside = slice(first, first + forces.size)
-        bound = (self.problem.limits.GT or 1.0) if block.slack is None else float(at.x[block.slack])
-        return forces, at.x[block.columns[inside]], bound, inside
+        bound = (self.problem.limits.GT or 1.0) if block.slack is None else float(point.x[block.slack])
+        return forces, point.x[block.columns[inside]], bound, inside
 
 
 class TipOverIndexLimit(PlacementLimit):
@@ -275,12 +285,12 @@ class TipOverIndexLimit(PlacementLimit):
     kind = "GN"
     by_solver = True
 
-    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
+    def margins(self, evaluation: TaskEvaluation) -> list[ConstraintRows]:
         most = getattr(self.problem.limits, self.kind)
-        if found.standing is None or most is None:
+        if evaluation.standing is None or most is None:
             return []
-        values = getattr(found, self.kind)[:, found.constrained]
-        return [self.row(found.names, values, most, True, "", most)]
+        values = getattr(evaluation, self.kind)[:, evaluation.constrained]
+        return [self.row(evaluation.names, values, most, True, "", most)]
 
 
 class SlipIndexLimit(TipOverIndexLimit):
@@ -297,8 +307,8 @@ class Persistence(PlacementLimit):
     by_solver = True
     verdicts = ("does not stand", "stands")
 
-    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
-        if found.standing is None:
+    def margins(self, evaluation: TaskEvaluation) -> list[ConstraintRows]:
+        if evaluation.standing is None:
             return []
-        standing = found.standing[:, found.constrained].astype(float)
-        return [self.row(found.names, standing, 1.0, False, "", 1.0)]
+        standing = evaluation.standing[:, evaluation.constrained].astype(float)
+        return [self.row(evaluation.names, standing, 1.0, False, "", 1.0)]

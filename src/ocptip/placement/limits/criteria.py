@@ -35,48 +35,50 @@ class ForceSpace(PlacementLimit):
                 result.append(CaseRows(i, layout.y[case.task], labels, -np.inf, 0.0, slack))
         return result
 
-    def start(self, at: Point, x: np.ndarray) -> None:
-        if (slack := at.layout.slack.get("force")) is None:
+    def start(self, point: Point, x: np.ndarray) -> None:
+        if (slack := point.layout.slack.get("force")) is None:
             return
         shares = []
-        for i in at.layout.counting:
-            if at.layout.cases[i].load >= 0:
-                own, change = self._torques(at, i)
-                most = np.where(change > 0, self.most - own, self.most + own)
+        for i in point.layout.counting:
+            if point.layout.cases[i].load >= 0:
+                torques, change = self._torques(point, i)
+                most = np.where(change > 0, self.most - torques, self.most + torques)
                 shares.append(np.max(np.abs(change) / np.maximum(most, 1e-6 * self.most)))
         x[slack] = max(shares)
 
-    def values(self, at: Point, block: CaseRows) -> np.ndarray:
-        own, change = self._torques(at, block.of)
-        t = at.x[block.slack]
+    def values(self, point: Point, block: CaseRows) -> np.ndarray:
+        torques, change = self._torques(point, block.of)
+        t = point.x[block.slack]
         return np.concatenate(
-            [sign * change / self.most - t * (1 - sign * own / self.most) for sign in _SIGNS]
+            [sign * change / self.most - t * (1 - sign * torques / self.most) for sign in _SIGNS]
         )
 
-    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
-        own, t = self._torques(at, block.of)[0], at.x[block.slack]
-        own_slope = at.slopes[at.layout.unloaded(block.of)][self.joints] / self.most[:, None]
-        change_slope = at.slopes[block.of][self.joints] / self.most[:, None] - own_slope
+    def jacobian(self, point: Point, block: CaseRows) -> np.ndarray:
+        torques, t = self._torques(point, block.of)[0], point.x[block.slack]
+        own_slope = point.slopes[point.layout.unloaded(block.of)][self.joints] / self.most[:, None]
+        change_slope = point.slopes[block.of][self.joints] / self.most[:, None] - own_slope
         parts = []
         for sign in _SIGNS:
-            slack = 1 - sign * own / self.most
+            slack = 1 - sign * torques / self.most
             parts.append(np.column_stack([sign * change_slope + t * sign * own_slope, -slack]))
         return np.concatenate(parts)
 
-    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
+    def add_hessian(
+        self, sums: Hessian, point: Point, blocks: list[CaseRows], multipliers: np.ndarray
+    ) -> None:
         for block in blocks:
             assert block.slack is not None  # it is that of the force space
-            own, t = at.layout.unloaded(block.of), at.x[block.slack]
+            unloaded, t = point.layout.unloaded(block.of), point.x[block.slack]
             for sign, on in zip(_SIGNS, multipliers[block.rows].reshape(2, -1), strict=True):
                 on = sign * on / self.most
                 sums.on_loads[block.of][self.joints] += on
-                sums.on_loads[own][self.joints] += (t - 1) * on
-                sums.add_mixed(block.slack, block.columns[:-1], on @ at.slopes[own][self.joints])
+                sums.on_loads[unloaded][self.joints] += (t - 1) * on
+                sums.add_mixed(block.slack, block.columns[:-1], on @ point.slopes[unloaded][self.joints])
 
-    def _torques(self, at: Point, i: int) -> tuple[np.ndarray, np.ndarray]:
+    def _torques(self, point: Point, i: int) -> tuple[np.ndarray, np.ndarray]:
         """Unloaded torques of the limited joints, and their change by the load, N m."""
-        own = at.loads[at.layout.unloaded(i)][self.joints]
-        return own, at.loads[i][self.joints] - own
+        load = point.loads[point.layout.unloaded(i)][self.joints]
+        return load, point.loads[i][self.joints] - load
 
 
 class TorqueAmounts(PlacementLimit):
@@ -93,22 +95,24 @@ class TorqueAmounts(PlacementLimit):
             result.append(CaseRows(i, np.r_[layout.y[case.task], amounts], labels, 0.0, np.inf))
         return result
 
-    def start(self, at: Point, x: np.ndarray) -> None:
-        objective = at.layout
+    def start(self, point: Point, x: np.ndarray) -> None:
+        objective = point.layout
         for i, amounts in objective.amounts.items():
-            x[amounts] = np.abs(at.loads[i][objective.costly])
+            x[amounts] = np.abs(point.loads[i][objective.costly])
 
-    def values(self, at: Point, block: CaseRows) -> np.ndarray:
-        joints = at.layout.costly
-        amounts, torques = at.x[block.columns[-len(joints) :]], at.loads[block.of][joints]
+    def values(self, point: Point, block: CaseRows) -> np.ndarray:
+        joints = point.layout.costly
+        amounts, torques = point.x[block.columns[-len(joints) :]], point.loads[block.of][joints]
         return np.concatenate([amounts - sign * torques for sign in _SIGNS])
 
-    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
-        joints = at.layout.costly
-        slope, unit = at.slopes[block.of][joints], np.eye(len(joints))
+    def jacobian(self, point: Point, block: CaseRows) -> np.ndarray:
+        joints = point.layout.costly
+        slope, unit = point.slopes[block.of][joints], np.eye(len(joints))
         return np.concatenate([np.hstack([-sign * slope, unit]) for sign in _SIGNS])
 
-    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
+    def add_hessian(
+        self, sums: Hessian, point: Point, blocks: list[CaseRows], multipliers: np.ndarray
+    ) -> None:
         for block in blocks:
             for sign, on in zip(_SIGNS, multipliers[block.rows].reshape(2, -1), strict=True):
-                sums.on_loads[block.of][at.layout.costly] -= sign * on
+                sums.on_loads[block.of][point.layout.costly] -= sign * on

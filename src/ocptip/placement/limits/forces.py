@@ -65,10 +65,10 @@ class ContactForces:
 
     def balance(self, p: np.ndarray, forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
         """(6,) sums of forces and of moments per length, which vanish in equilibrium."""
-        own = self._per_force @ forces
+        balanced = self._per_force @ forces
         if self._moving is not None:
-            own = self._scale * self._moving.values(np.concatenate([p, forces]))
-        return own + self.per_wrench @ wrench
+            balanced = self._scale * self._moving.values(np.concatenate([p, forces]))
+        return balanced + self.per_wrench @ wrench
 
     def slopes(self, p: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives (6, k) and (6, 3 n) of the balance by p and by the forces."""
@@ -115,9 +115,9 @@ class Piece:
         limit = self.radius + self.slope * F[:, 0]
         square, positive = np.sum(F[:, 1:] ** 2, axis=1), limit + ROUNDING
         slope = np.zeros((len(F), *F.shape))
-        own = np.arange(len(F))
-        slope[own, own, 0] = -self.slope * (square / positive**2 + bound**2)
-        slope[own, own, 1:] = 2 * F[:, 1:] / positive[:, None]
+        numbers = np.arange(len(F))
+        slope[numbers, numbers, 0] = -self.slope * (square / positive**2 + bound**2)
+        slope[numbers, numbers, 1:] = 2 * F[:, 1:] / positive[:, None]
         return square / positive - bound**2 * limit, slope.reshape(len(F), -1), -2 * bound * limit
 
     def hessian(
@@ -129,11 +129,11 @@ class Piece:
         positive = limit + ROUNDING
         result, mixed = np.zeros((F.size, F.size)), np.zeros_like(F)
         for k, (_, *T) in enumerate(F):
-            at = slice(3 * k, 3 * k + 3)
+            block = slice(3 * k, 3 * k + 3)
             # square / positive is |v|^2 with v = K_t / sqrt(positive); its Hessian is 2 B' B / positive
             B = np.array(
                 [[-T[0] * self.slope[k] / positive[k], 1, 0], [-T[1] * self.slope[k] / positive[k], 0, 1]]
             )
-            result[at, at] = multipliers[k] * 2 / positive[k] * (B.T @ B)
+            result[block, block] = multipliers[k] * 2 / positive[k] * (B.T @ B)
         mixed[:, 0] = -2 * bound * multipliers * self.slope
         return result, mixed.ravel(), float(-2 * multipliers @ limit)

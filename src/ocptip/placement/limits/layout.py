@@ -141,8 +141,8 @@ class Point:
 
     def __init__(self, layout: Variables, loads: Twice, x: np.ndarray) -> None:
         self.layout, self.x = layout, x.copy()
-        found = [loads.jacobian(x[layout.y[c.task]], c.force, c.moment) for c in layout.cases]
-        self.loads, self.slopes = zip(*found, strict=True)
+        results = [loads.jacobian(x[layout.y[c.task]], c.force, c.moment) for c in layout.cases]
+        self.loads, self.slopes = zip(*results, strict=True)
         self._known: dict[Hashable, Any] = {}
 
     @cached_property

@@ -254,11 +254,11 @@ class PlacementLimit:
         margins = (limits - values if upper else values - limits) / scale
         return ConstraintRows(self.kind, tuple(labels), values, limits, upper, unit, margins)
 
-    def margins(self, found: TaskEvaluation) -> list[ConstraintRows]:
+    def margins(self, evaluation: TaskEvaluation) -> list[ConstraintRows]:
         """How far it is kept at N candidates; none: it is a matter of the program alone."""
         return []
 
-    def functions(self, at: Symbols) -> list[Any]:
+    def functions(self, symbols: Symbols) -> list[Any]:
         """Rows that are smooth functions of y, such as `Twice`, per task, or one for all tasks."""
         return []
 
@@ -266,24 +266,26 @@ class PlacementLimit:
         """Rows with their bounds; none: variables' bounds keep it, or only the final check has it."""
         return []
 
-    def start(self, at: Point, x: np.ndarray) -> None:
+    def start(self, point: Point, x: np.ndarray) -> None:
         """Set variables of x that belong to this limit just as large as needed at a point."""
 
-    def values(self, at: Point, block: CaseRows) -> np.ndarray:
+    def values(self, point: Point, block: CaseRows) -> np.ndarray:
         """(rows,)."""
-        return self._smooth(at, block)[0][block.chosen]
+        return self._smooth(point, block)[0][block.chosen]
 
-    def jacobian(self, at: Point, block: CaseRows) -> np.ndarray:
+    def jacobian(self, point: Point, block: CaseRows) -> np.ndarray:
         """(rows, columns)."""
-        return self._smooth(at, block)[1][block.chosen]
+        return self._smooth(point, block)[1][block.chosen]
 
-    def add_hessian(self, sums: Hessian, at: Point, blocks: list[CaseRows], multipliers: np.ndarray) -> None:
+    def add_hessian(
+        self, sums: Hessian, point: Point, blocks: list[CaseRows], multipliers: np.ndarray
+    ) -> None:
         """Add second derivatives of the rows times their multipliers (of all rows of the program)."""
         for block in blocks:
             on = np.zeros(block.function.size)
             on[block.chosen] = multipliers[block.rows]
-            sums.add(block.columns, block.function.hessian(at.x[block.columns], on))
+            sums.add(block.columns, block.function.hessian(point.x[block.columns], on))
 
     @staticmethod
-    def _smooth(at: Point, block: CaseRows) -> tuple[np.ndarray, np.ndarray]:
-        return at.once(block, lambda: block.function.jacobian(at.x[block.columns]))
+    def _smooth(point: Point, block: CaseRows) -> tuple[np.ndarray, np.ndarray]:
+        return point.once(block, lambda: block.function.jacobian(point.x[block.columns]))

@@ -20,18 +20,18 @@ from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.tip_moments import Addable, AddableMoments, TippingAxis
 
 
-def wrench_of_forces(at: Symbols) -> Twice:
+def wrench_of_forces(symbols: Symbols) -> Twice:
     """(p, contact forces (3 n,), N, contact axes) -> their wrench (6,) about the centre of mass."""
-    forces = cs.SX.sym("F", 3 * at.contacts.size2())
-    return Twice.of(cs.vertcat(at.p, forces), [], _wrench(at, forces), local=at.local)
+    forces = cs.SX.sym("F", 3 * symbols.contacts.size2())
+    return Twice.of(cs.vertcat(symbols.p, forces), [], _wrench(symbols, forces), local=symbols.local)
 
 
-def _wrench(at: Symbols, forces: cs.SX) -> cs.SX:
+def _wrench(symbols: Symbols, forces: cs.SX) -> cs.SX:
     """Wrench (6,) of forces (3 n,) about the centre of mass."""
     total = cs.SX.zeros(6)
-    for k in range(at.contacts.size2()):
-        force = cs.reshape(at.frames[:, k], 3, 3) @ forces[3 * k : 3 * k + 3]
-        total += cs.vertcat(force, cs.cross(at.contacts[:, k] - cs.SX(at.center_of_mass), force))
+    for k in range(symbols.contacts.size2()):
+        force = cs.reshape(symbols.frames[:, k], 3, 3) @ forces[3 * k : 3 * k + 3]
+        total += cs.vertcat(force, cs.cross(symbols.contacts[:, k] - cs.SX(symbols.center_of_mass), force))
     return total
 
 
@@ -74,22 +74,25 @@ class PlacedMoments:
         count: of wrench and gravity: 9; 6 where gravity does not count, see `corner_maps`.
     """
 
-    def __init__(self, at: Symbols, pairs: np.ndarray, count: int) -> None:
-        axes, size = len(pairs), 3 * at.contacts.size2()
-        loads, centre = cs.SX.sym("loads", count), cs.SX(at.center_of_mass)
+    def __init__(self, symbols: Symbols, pairs: np.ndarray, count: int) -> None:
+        axes, size = len(pairs), 3 * symbols.contacts.size2()
+        loads, centre = cs.SX.sym("loads", count), cs.SX(symbols.center_of_mass)
         multipliers, forces = cs.SX.sym("multipliers", 6, axes), cs.SX.sym("forces", size, axes)
         moments, affine = cs.SX.sym("moments", axes), cs.SX.sym("affine", axes)
         corners, rows = cs.SX.sym("corners", 6, count * axes), []
         for i, (first, second) in enumerate(pairs):
             wrench = corners[:, count * i : count * i + count] @ loads
-            point, span = at.contacts[:, int(first)], at.contacts[:, int(second)] - at.contacts[:, int(first)]
+            point, span = (
+                symbols.contacts[:, int(first)],
+                symbols.contacts[:, int(second)] - symbols.contacts[:, int(first)],
+            )
             e = span / cs.norm_2(span)
             about = -cs.dot(cs.vertcat(cs.cross(e, centre - point), e), wrench)
-            balance = _wrench(at, forces[:, i]) + wrench + moments[i] * cs.vertcat(cs.SX.zeros(3), e)
+            balance = _wrench(symbols, forces[:, i]) + wrench + moments[i] * cs.vertcat(cs.SX.zeros(3), e)
             lagrangian = moments[i] + cs.dot(multipliers[:, i], balance)
             rows.append(affine[i] * about + (1 - affine[i]) * lagrangian)
-        variables, numbers = cs.vertcat(at.p, loads), [multipliers, forces, moments, affine, corners]
-        self._function = Twice.of(variables, numbers, cs.vertcat(*rows), local=at.local)
+        variables, numbers = cs.vertcat(symbols.p, loads), [multipliers, forces, moments, affine, corners]
+        self._function = Twice.of(variables, numbers, cs.vertcat(*rows), local=symbols.local)
 
     def slope(self, p: np.ndarray, loads: np.ndarray, worst: LeastMoments) -> np.ndarray:
         """Derivatives (axes, k) of the moments by the place; loads (9,)."""
@@ -108,7 +111,7 @@ def addable(support: Support, pairs: np.ndarray, wrenches: np.ndarray) -> Addabl
     for i, j in pairs:
         span = places[j] - places[i]
         axes.append(TippingAxis((i, j), places[i], span / np.linalg.norm(span), none))
-    return AddableMoments(support, ForceSets(support), tuple(axes)).found(wrenches)
+    return AddableMoments(support, ForceSets(support), tuple(axes)).addable(wrenches)
 
 
 def least(
@@ -119,7 +122,7 @@ def least(
     result = []
     for first in range(0, len(moments), count):
         worst = np.argmin(moments[first : first + count], axis=0)
-        at = first + worst, axes
-        own = None if forces is None else forces[at]
-        result.append(LeastMoments(moments[at], slopes[at], corners[worst], own))
+        index = first + worst, axes
+        forces_there = None if forces is None else forces[index]
+        result.append(LeastMoments(moments[index], slopes[index], corners[worst], forces_there))
     return result

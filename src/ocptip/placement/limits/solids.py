@@ -35,16 +35,16 @@ class WorldSolids:
 
     def __init__(self, problem: PlacementProblem) -> None:
         robot, limits = problem.robot, problem.limits
-        own = robot.collision
-        if not isinstance(own, ShapeCollisions):
-            own = ShapeCollisions(robot.arm, robot.around, robot.shapes)
+        gaps = robot.collision
+        if not isinstance(gaps, ShapeCollisions):
+            gaps = ShapeCollisions(robot.arm, robot.around, robot.shapes)
         self.arm = robot.arm
         self._solids = [
-            (robot.arm.links if body == RESTING else body, shape) for _, body, shape in own.solids
+            (robot.arm.links if body == RESTING else body, shape) for _, body, shape in gaps.solids
         ]
-        names = [name for name, _, _ in own.solids]
-        pairs, every = list(own.pairs), range(own.of_arm + own.of_base)
-        resting = {s for s in every if own.solids[s][1] == RESTING}
+        names = [name for name, _, _ in gaps.solids]
+        pairs, every = list(gaps.pairs), range(gaps.of_arm + gaps.of_base)
+        resting = {s for s in every if gaps.solids[s][1] == RESTING}
         for obstacles, of_arm in ((problem.obstacles, True), (problem.keep_out, False)):
             for obstacle in obstacles:
                 pairs += [(s, len(self._solids)) for s in every if of_arm or s in resting]
@@ -52,25 +52,27 @@ class WorldSolids:
                 names.append(obstacle.name)
         self._pairs = pairs
         self.names = [f"{names[a]} and {names[b]}" for a, b in pairs]
-        of_base = [a in resting and b >= len(own.solids) for a, b in pairs]
+        of_base = [a in resting and b >= len(gaps.solids) for a, b in pairs]
         self.least = np.where(of_base, limits.base_clearance, limits.clearance)
         self._checked_distances = Distances(_placed_frames(self.arm), self._solids, pairs)
 
-    def gaps(self, found: TaskEvaluation) -> tuple[list[str], np.ndarray, np.ndarray]:
+    def gaps(self, evaluation: TaskEvaluation) -> tuple[list[str], np.ndarray, np.ndarray]:
         """Names, distances (N, names), m, and their required minima (names,); solids of one name are one."""
-        poses = np.concatenate([found.base.reshape(-1, 9), found.origin], axis=1)
+        poses = np.concatenate([evaluation.base.reshape(-1, 9), evaluation.origin], axis=1)
         below = float(self.least.max(initial=0.0)) + _FAR
         names = list(dict.fromkeys(self.names))
         groups = np.array([names.index(name) for name in self.names], dtype=int)
-        smallest = self._checked_distances.smallest(np.concatenate([found.q, poses], axis=1), groups, below)
+        smallest = self._checked_distances.smallest(
+            np.concatenate([evaluation.q, poses], axis=1), groups, below
+        )
         return names, smallest, self.least[np.unique(groups, return_index=True)[1]]
 
-    def functions(self, at: Symbols, kind: str) -> list[SolidGaps]:
+    def functions(self, symbols: Symbols, kind: str) -> list[SolidGaps]:
         """One of all gaps, for all tasks."""
         if not self._pairs:
             return []
-        pose = cs.vertcat(cs.vec(at.base.T), at.origin)
-        frames = cs.Function("frames", [at.y], [_placed_frames(self.arm)(cs.vertcat(at.q, pose))])
+        pose = cs.vertcat(cs.vec(symbols.base.T), symbols.origin)
+        frames = cs.Function("frames", [symbols.y], [_placed_frames(self.arm)(cs.vertcat(symbols.q, pose))])
         distances = Distances(frames, self._solids, self._pairs)
         return [SolidGaps(distances, self.least, [RowLabel(kind, name) for name in self.names])]
 
@@ -109,18 +111,21 @@ def needs_solids(problem: PlacementProblem) -> bool:
     around = (*problem.obstacles, *problem.keep_out)
     round_base = all(map(in_closed_form, robot.shapes))
     solid = bool(around) and not (all(map(in_closed_form, around)) and round_base)
-    found = solid and (bool(robot.arm.sphere_sets) or not round_base)
-    return found or isinstance(robot.collision, ShapeCollisions)
+    result = solid and (bool(robot.arm.sphere_sets) or not round_base)
+    return result or isinstance(robot.collision, ShapeCollisions)
 
 
 @lru_cache(maxsize=4)
 def _placed_frames(arm: ArmModel) -> cs.Function:
     """Axes and origins of links and base in the world, from q (n,) and those of the base (row by row, 12)."""
     y = cs.SX.sym("y", arm.n + 12)
-    own = link_frames_function(arm)(y[: arm.n])
+    function = link_frames_function(arm)(y[: arm.n])
     base, origin = cs.reshape(y[arm.n : arm.n + 9], 3, 3).T, y[arm.n + 9 :]
     frames = []
     for i in range(arm.links):
-        axes, at = cs.reshape(own[12 * i : 12 * i + 9], 3, 3).T, own[12 * i + 9 : 12 * i + 12]
-        frames.append(cs.vertcat(cs.vec((base @ axes).T), origin + base @ at))
+        axes, translation = (
+            cs.reshape(function[12 * i : 12 * i + 9], 3, 3).T,
+            function[12 * i + 9 : 12 * i + 12],
+        )
+        frames.append(cs.vertcat(cs.vec((base @ axes).T), origin + base @ translation))
     return cs.Function("placed_frames", [y], [cs.vertcat(*frames, y[arm.n :])])

@@ -108,11 +108,11 @@ class ElasticProgram:
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
         """(nx, nx)."""
-        own = np.zeros(len(self._which))
-        own[self._below] += multipliers[: len(self._below)]
-        own[self._above] += multipliers[len(self._below) :]
+        sums = np.zeros(len(self._which))
+        sums[self._below] += multipliers[: len(self._below)]
+        sums[self._above] += multipliers[len(self._below) :]
         size = self.program.size
         result = np.zeros((self.size, self.size))
-        count = len(own) - len(self._joints)
-        result[:size, :size] = self.program.hessian(x[:size], 0.0, own[:count])
+        count = len(sums) - len(self._joints)
+        result[:size, :size] = self.program.hessian(x[:size], 0.0, sums[:count])
         return result

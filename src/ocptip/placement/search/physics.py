@@ -54,7 +54,7 @@ class PatchPhysics:
         self.k, self.n = self.terrain.size, robot.arm.n
         y = cs.SX.sym("y", self.k + self.n)
         p, q = y[: self.k], y[self.k :]
-        local = Local(self.stand.given, lambda at: self.stand.local(at[: self.k]))
+        local = Local(self.stand.given, lambda place: self.stand.local(place[: self.k]))
         moving, about = self.stand.conforms, footing.support.center_of_mass
         symbols = Symbols(y, p, q, self.terrain, *self.stand.expressions(p), about, moving, local)
         self.loads = self._loads(symbols)
@@ -72,17 +72,23 @@ class PatchPhysics:
         """Per task, how far (in units of `pose`) rows miss that no variable can change; they are left out."""
         return [pose.dropped for pose in self.pose]
 
-    def _loads(self, at: Symbols) -> Twice:
+    def _loads(self, symbols: Symbols) -> Twice:
         support = self.problem.robot.support
         force, moment, still = cs.SX.sym("f", 3), cs.SX.sym("m", 3), cs.SX.zeros(self.n)
-        gravity = at.base.T @ cs.SX(self.problem.gravity)
+        gravity = symbols.base.T @ cs.SX(self.problem.gravity)
         torque, wrench = inverse_dynamics(self.problem.robot.arm)(
-            at.q, still, still, gravity, at.base.T @ force, at.base.T @ moment, support.center_of_mass
+            symbols.q,
+            still,
+            still,
+            gravity,
+            symbols.base.T @ force,
+            symbols.base.T @ moment,
+            support.center_of_mass,
         )
         weight = cs.vertcat(support.mass * gravity, cs.SX.zeros(3))
         counts = corner_maps(self.problem).shape[2] > 6
         values = cs.vertcat(torque, wrench + weight, gravity if counts else cs.SX(0, 1))
-        return Twice.of(at.y, [force, moment], values, local=at.local)
+        return Twice.of(symbols.y, [force, moment], values, local=symbols.local)
 
 
 _NEAR_WORST = 0.95  # share of the worst corner's usage
@@ -124,12 +130,16 @@ def _usages(
     """
     problem, stand = physics.problem, physics.stand
     constrained = [i for i, case in enumerate(problem.cases) if case.constrained]
-    at = wrenches(physics, p, q).reshape(len(problem.cases), -1, 6)[constrained]
-    usage = physics.evaluator.fast_usage(stand, stand.at(p), at.reshape(1, -1, 6)).reshape(at.shape[:2])
-    for i, own in zip(constrained, usage, strict=True):
-        near = ~(own < _NEAR_WORST * np.max(own)) & (np.argsort(np.argsort(-own, kind="stable")) < _CORNERS)
-        for c, value in enumerate(own):
-            yield len(own) * i + c, problem.cases[i], float(value), bool(near[c])
+    wrenches_held = wrenches(physics, p, q).reshape(len(problem.cases), -1, 6)[constrained]
+    usage = physics.evaluator.fast_usage(stand, stand.at(p), wrenches_held.reshape(1, -1, 6)).reshape(
+        wrenches_held.shape[:2]
+    )
+    for i, usage_of_case in zip(constrained, usage, strict=True):
+        near = ~(usage_of_case < _NEAR_WORST * np.max(usage_of_case)) & (
+            np.argsort(np.argsort(-usage_of_case, kind="stable")) < _CORNERS
+        )
+        for c, value in enumerate(usage_of_case):
+            yield len(usage_of_case) * i + c, problem.cases[i], float(value), bool(near[c])
 
 
 def pieces(physics: PatchPhysics, p: np.ndarray, q: np.ndarray, held: list[int]) -> list[Piece] | None:
@@ -141,6 +151,6 @@ def pieces(physics: PatchPhysics, p: np.ndarray, q: np.ndarray, held: list[int])
 
 def wrenches(physics: PatchPhysics, p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """(contact cases, 6) wrenches on the base, N and N m."""
-    at = [(np.concatenate([p, q[case.task]]), case) for case in physics.problem.cases]
-    loads = np.array([physics.loads.values(y, c.force, c.moment)[physics.n :] for y, c in at])
+    points = [(np.concatenate([p, q[case.task]]), case) for case in physics.problem.cases]
+    loads = np.array([physics.loads.values(y, c.force, c.moment)[physics.n :] for y, c in points])
     return np.einsum("kwg,ig->ikw", corner_maps(physics.problem), loads).reshape(-1, 6)

@@ -40,17 +40,17 @@ class PlacementObjective:
             cost = self._share * layout.problem.energy.cost[layout.costly]
             self._cost = np.tile(cost, len(layout.amounts))
 
-    def _power(self, at: Point) -> dict[int, list[np.ndarray]]:
+    def _power(self, point: Point) -> dict[int, list[np.ndarray]]:
         """Per counting case power, its gradient (n,) and the diagonal of its Hessian (n,) by the torques."""
         power, n = self._function, self._layout.n
         assert power is not None  # else no case is powered
-        return at.once(
-            self, lambda: {i: [part[0] for part in power(at.loads[i][None, :n])] for i in self._powered}
+        return point.once(
+            self, lambda: {i: [part[0] for part in power(point.loads[i][None, :n])] for i in self._powered}
         )
 
-    def value(self, at: Point) -> float:
+    def value(self, point: Point) -> float:
         """At a point."""
-        value, x = 0.0, at.x
+        value, x = 0.0, point.x
         if (s := self._layout.slack.get("moment")) is not None:
             value += self._weights[0] / (1 + 2 * x[s])  # GN of a moment in units of 2 M0
         for column, weight in self._linear:
@@ -58,30 +58,30 @@ class PlacementObjective:
         if len(self._amounts):
             value += float(self._cost @ x[self._amounts])
         for i in self._powered:
-            value += self._share * float(self._power(at)[i][0][0])
+            value += self._share * float(self._power(point)[i][0][0])
         return value
 
-    def gradient(self, at: Point) -> np.ndarray:
+    def gradient(self, point: Point) -> np.ndarray:
         """(nx,)."""
         layout, gradient = self._layout, np.zeros(self._layout.size)
         if (s := self._layout.slack.get("moment")) is not None:
-            gradient[s] = -2 * self._weights[0] / (1 + 2 * at.x[s]) ** 2
+            gradient[s] = -2 * self._weights[0] / (1 + 2 * point.x[s]) ** 2
         for column, weight in self._linear:
             gradient[column] = weight
         if len(self._amounts):
             gradient[self._amounts] = self._cost
         for i in self._powered:
-            slope = self._power(at)[i][1] @ at.slopes[i][: layout.n]
+            slope = self._power(point)[i][1] @ point.slopes[i][: layout.n]
             gradient[layout.y[layout.cases[i].task]] += self._share * slope
         return gradient
 
-    def add_hessian(self, sums: Hessian, at: Point, sigma: float) -> None:
+    def add_hessian(self, sums: Hessian, point: Point, sigma: float) -> None:
         """Add sigma times its second derivatives."""
         if (s := self._layout.slack.get("moment")) is not None:
-            sums.matrix[s, s] += sigma * 8 * self._weights[0] / (1 + 2 * at.x[s]) ** 3
+            sums.matrix[s, s] += sigma * 8 * self._weights[0] / (1 + 2 * point.x[s]) ** 3
         joints, share = np.arange(self._layout.n), sigma * self._weights[3] / len(self._layout.counting)
         for i in self._powered:
-            _, slope, bend = self._power(at)[i]
+            _, slope, bend = self._power(point)[i]
             sums.on_loads[i][joints] += share * slope
             sums.of_loads[i][joints, joints] += share * bend
 
@@ -115,8 +115,8 @@ class PlacementProgram(Variables):
         problem, stand, forces = physics.problem, physics.stand, physics.forces
         super().__init__(problem, stand, near, held, criteria, least, forces, pieces)
         self.physics, self.objective = physics, PlacementObjective(self, physics.power)
-        self.limits = [(limit, limit.blocks(self, own)) for limit, own in physics.functions.items()]
-        blocks, count = [block for _, own in self.limits for block in own], 0
+        self.limits = [(limit, limit.blocks(self, function)) for limit, function in physics.functions.items()]
+        blocks, count = [block for _, function in self.limits for block in function], 0
         for block in blocks:
             block.rows = slice(count, count + len(block.labels))
             count = block.rows.stop
@@ -129,9 +129,9 @@ class PlacementProgram(Variables):
         x = np.zeros(self.size)
         x[: self.k] = p
         x[self.k : self.k + q.size] = q.ravel()
-        at = Point(self, self.physics.loads, x)
+        point = Point(self, self.physics.loads, x)
         for limit, _ in self.limits:
-            limit.start(at, x)
+            limit.start(point, x)
         return np.clip(x, *self.x_bounds)
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -145,12 +145,14 @@ class PlacementProgram(Variables):
 
     def values(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Objective and rows."""
-        at = self._at(x)
-        rows = at.once(self, lambda: self._rows(at))
-        return self.objective.value(at), rows
+        point = self._at(x)
+        rows = point.once(self, lambda: self._rows(point))
+        return self.objective.value(point), rows
 
-    def _rows(self, at: Point) -> np.ndarray:
-        return np.concatenate([limit.values(at, own) for limit, blocks in self.limits for own in blocks])
+    def _rows(self, point: Point) -> np.ndarray:
+        return np.concatenate(
+            [limit.values(point, block) for limit, blocks in self.limits for block in blocks]
+        )
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """Gradient of the objective, (nx,)."""
@@ -158,17 +160,17 @@ class PlacementProgram(Variables):
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Jacobian of the rows, (rows, nx)."""
-        at, result = self._at(x), np.zeros((len(self.labels), self.size))
+        point, result = self._at(x), np.zeros((len(self.labels), self.size))
         for limit, blocks in self.limits:
             for block in blocks:
-                result[block.rows, block.columns] = limit.jacobian(at, block)
+                result[block.rows, block.columns] = limit.jacobian(point, block)
         return result
 
     @cached_property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
         """Where the Jacobian (rows, nx) and the Hessian (nx, nx) may differ from zero."""
         slopes, bends = np.zeros((len(self.labels), self.size), dtype=bool), np.eye(self.size, dtype=bool)
-        for block in (block for _, own in self.limits for block in own):
+        for block in (block for _, blocks in self.limits for block in blocks):
             slopes[block.rows, block.columns] = True
             bends[np.ix_(block.columns, block.columns)] = True
         for y in self.y:
@@ -177,17 +179,17 @@ class PlacementProgram(Variables):
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
         """Hessian of sigma * objective + multipliers . rows, (nx, nx)."""
-        at, sums = self._at(x), Hessian(self)
+        point, sums = self._at(x), Hessian(self)
         loaded = 1 + max((k for k, (limit, _) in enumerate(self.limits) if limit.on_loads), default=-1)
         for limit, blocks in self.limits[:loaded]:
-            limit.add_hessian(sums, at, blocks, multipliers)
-        self.objective.add_hessian(sums, at, sigma)
+            limit.add_hessian(sums, point, blocks, multipliers)
+        self.objective.add_hessian(sums, point, sigma)
         for i, case in enumerate(self.cases):
-            y, slope = self.y[case.task], at.slopes[i]
+            y, slope = self.y[case.task], point.slopes[i]
             inner = self.physics.loads.hessian(x[y], case.force, case.moment, sums.on_loads[i])
             sums.add(y, inner + slope.T @ sums.of_loads[i] @ slope)
         for limit, blocks in self.limits[loaded:]:
-            limit.add_hessian(sums, at, blocks, multipliers)
+            limit.add_hessian(sums, point, blocks, multipliers)
         return sums.matrix
 
 

@@ -32,9 +32,9 @@ def improved(evaluator: Evaluator, candidates: Candidates, rng: np.random.Genera
     """The candidates after a local search, the best first, without those that ended at the same place."""
     parts = []
     for patch in np.unique(candidates.patches):
-        own = np.flatnonzero(candidates.patches == patch)
-        parameters = np.array([candidates.parameters[i] for i in own])
-        parts.append((patch, *_improved_on(evaluator, patch, parameters, candidates.angles[own], rng)))
+        indices = np.flatnonzero(candidates.patches == patch)
+        parameters = np.array([candidates.parameters[i] for i in indices])
+        parts.append((patch, *_improved_on(evaluator, patch, parameters, candidates.angles[indices], rng)))
     patches = np.concatenate([np.full(len(part[1]), part[0]) for part in parts])
     parameters = [p for part in parts for p in part[1]]
     angles, scores, totals, margins = (np.concatenate([part[i] for part in parts]) for i in (2, 3, 4, 5))
@@ -48,8 +48,8 @@ def improved(evaluator: Evaluator, candidates: Candidates, rng: np.random.Genera
             for j in kept
         ):
             kept.append(int(i))
-    found = Candidates(patches, parameters, angles, totals, margins, candidates.sampled, candidates.reached)
-    return found.select(kept)
+    result = Candidates(patches, parameters, angles, totals, margins, candidates.sampled, candidates.reached)
+    return result.select(kept)
 
 
 def around(
@@ -94,10 +94,10 @@ def turned(evaluator: Evaluator, candidates: Candidates) -> Candidates:
             continue
         terrain = problem.terrain[patch]
         axis = (arm.mount_rotation @ arm.rotations[0])[:, 2] @ problem.ground_frame[1][:, 2]
-        own = np.flatnonzero(candidates.patches == patch)
-        turns = np.repeat(2 * np.pi * np.arange(1, _TURNS) / _TURNS, len(own))
-        p = np.tile(np.array([candidates.parameters[i] for i in own]), (_TURNS - 1, 1))
-        q = np.tile(candidates.angles[own], (_TURNS - 1, 1, 1))
+        indices = np.flatnonzero(candidates.patches == patch)
+        turns = np.repeat(2 * np.pi * np.arange(1, _TURNS) / _TURNS, len(indices))
+        p = np.tile(np.array([candidates.parameters[i] for i in indices]), (_TURNS - 1, 1))
+        q = np.tile(candidates.angles[indices], (_TURNS - 1, 1, 1))
         before = _mounts(evaluator, patch, p)
         p[:, terrain.angular.index(True)] += turns
         q[:, :, 0] -= np.sign(axis) * turns[:, None]
@@ -112,12 +112,12 @@ def turned(evaluator: Evaluator, candidates: Candidates) -> Candidates:
         if len(kept):
             total, margin = exact_scores(evaluator, patch, p[kept], q, fast=True)
             parts.append(Candidates(np.full(len(kept), patch), list(p[kept]), q, total, margin, 0, 0))
-            which.append(np.tile(own, _TURNS - 1)[kept])
-    found, of = joined(parts, candidates.sampled, candidates.reached), np.concatenate(which)
-    rank = np.where(found.margins >= 0, found.totals, 1e6 - np.maximum(found.margins, -1e5))
+            which.append(np.tile(indices, _TURNS - 1)[kept])
+    result, of = joined(parts, candidates.sampled, candidates.reached), np.concatenate(which)
+    rank = np.where(result.margins >= 0, result.totals, 1e6 - np.maximum(result.margins, -1e5))
     order = np.argsort(np.nan_to_num(rank, nan=1e9), kind="stable")
     first = np.sort(np.unique(of[order], return_index=True)[1])
-    return found.select(order[first])
+    return result.select(order[first])
 
 
 def _mounts(evaluator: Evaluator, patch: int, parameters: np.ndarray) -> np.ndarray:
@@ -155,15 +155,15 @@ def _improved_on(
         q, exact = followed(evaluator, patch, p, first)
         value, goal, smallest = (np.full(len(p), np.inf) for _ in range(3))
         if exact.any():
-            at, below = np.flatnonzero(exact), np.repeat(score, _DRAWS)[exact]
-            kept = at[_score(*rough_scores(evaluator, patch, p[at], q[at])) < below]
+            indices, below = np.flatnonzero(exact), np.repeat(score, _DRAWS)[exact]
+            kept = indices[_score(*rough_scores(evaluator, patch, p[indices], q[indices])) < below]
             if len(kept):
                 value[kept], goal[kept], smallest[kept] = _scores(evaluator, patch, p[kept], q[kept])
         leader = np.argmin(value.reshape(N, _DRAWS), axis=1) + _DRAWS * np.arange(N)
         better = value[leader] < score
-        at = leader[better]
-        best_p[better], best_q[better] = p[at], q[at]
-        score[better], total[better], margin[better] = value[at], goal[at], smallest[at]
+        indices = leader[better]
+        best_p[better], best_q[better] = p[indices], q[indices]
+        score[better], total[better], margin[better] = value[indices], goal[indices], smallest[indices]
         radius *= np.where(better, 1.0, _SHRINK)
     return best_p, best_q, score, total, margin
 

@@ -109,14 +109,14 @@ def solutions(
         return np.concatenate(rounds, axis=1)
     position, rotation = evaluator.targets(task, origin, base)
     low, high = search_box(arm)
-    found = []
+    results = []
     for _ in range(_SEARCHES):
         first = low + rng.random((N, arm.n)) * (high - low)
         q, error = search(arm, first, position, rotation, wanted.orientation, wanted.tool_axis)
         if not approach:
             q[error > _CLOSE] = np.nan
-        found.append(q)
-    return np.stack(found, axis=1)
+        results.append(q)
+    return np.stack(results, axis=1)
 
 
 def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candidates:
@@ -153,13 +153,15 @@ def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candid
         best = _best_of(kept)
         best = best.select(spread(evaluator, best, _LEADERS, _APART, postures=True))
         for patch in np.unique(best.patches):
-            own = best.select(np.flatnonzero(best.patches == patch))
-            evaluate(patch, _beside(evaluator, own, rng, max(share // _BESIDE, 32), away))
+            indices = best.select(np.flatnonzero(best.patches == patch))
+            evaluate(patch, _beside(evaluator, indices, rng, max(share // _BESIDE, 32), away))
     if not reached():
         kept += [best_branches(evaluator, patch, p, ground, rng) for patch, p, ground in blocked]
-    found = _best_of(kept)
-    found = ranked(evaluator, found) if len(found) else _nearest_misses(evaluator, rng, count, sampled)
-    return replace(found, sampled=sampled, reached=reached(), clear=clear)
+    candidates = _best_of(kept)
+    candidates = (
+        ranked(evaluator, candidates) if len(candidates) else _nearest_misses(evaluator, rng, count, sampled)
+    )
+    return replace(candidates, sampled=sampled, reached=reached(), clear=clear)
 
 
 def best_branches(
@@ -176,12 +178,12 @@ def best_branches(
         ground: (N,) smallest margin of the limits of the base alone at parameters (N, k).
     """
     n, tasks = evaluator.arm.n, range(len(evaluator.problem.tasks))
-    alive, found = np.arange(len(parameters)), []
+    alive, results = np.arange(len(parameters)), []
     for t in tasks if len(alive) else ():
         q = solutions(evaluator, t, patch, parameters[alive], rng)
         reached = np.any(np.isfinite(q).all(axis=2), axis=1)
         alive = alive[reached]
-        found = [own[reached] for own in [*found, q]]
+        results = [joints_of_task[reached] for joints_of_task in [*results, q]]
         if not len(alive):
             break
     places = parameters[alive]
@@ -189,9 +191,9 @@ def best_branches(
     criteria, margin = np.zeros((len(alive), 1, 4)), ground[alive][:, None]
     share = [sum(case.counts for case in cases) for cases in evaluator.cases]
     for t in tasks if len(alive) else ():
-        own = _branches(evaluator, t, patch, places, found[t])
-        own[1][:, :, -1] *= share[t] / sum(share)
-        chosen, criteria, margin = _combined(evaluator, (chosen, criteria, margin), own)
+        joints_of_task = _branches(evaluator, t, patch, places, results[t])
+        joints_of_task[1][:, :, -1] *= share[t] / sum(share)
+        chosen, criteria, margin = _combined(evaluator, (chosen, criteria, margin), joints_of_task)
     if not len(alive):
         chosen = np.empty((0, 1, len(tasks), n))
     who, rank = np.nonzero(np.isfinite(criteria[:, :, 0]))
@@ -213,9 +215,9 @@ def _branches(
     solution, and margins (N, B).
     """
     criteria, margin = np.full((*q.shape[:2], 4), np.inf), np.full(q.shape[:2], -np.inf)
-    at = np.nonzero(np.isfinite(q).all(axis=2))
-    found = evaluator.task(task, patch, parameters[at[0]], q[at], contacts=False)
-    criteria[at], margin[at] = evaluator.least_criteria([found]), found.margin()
+    indices = np.nonzero(np.isfinite(q).all(axis=2))
+    evaluation = evaluator.task(task, patch, parameters[indices[0]], q[indices], contacts=False)
+    criteria[indices], margin[indices] = evaluator.least_criteria([evaluation]), evaluation.margin()
     return q[:, :, None], criteria, margin
 
 
@@ -231,9 +233,9 @@ def _combined(evaluator: Evaluator, first: tuple, second: tuple) -> tuple[np.nda
     )
     rank = np.where(margin >= 0, totals, 1e3 + totals - _PRICE * np.maximum(margin, -1e5))
     best = np.argsort(rank, axis=1, kind="stable")[:, :_BRANCHES]
-    at = np.arange(N)[:, None]
-    angles = np.concatenate([first[0][at, best // B], second[0][at, best % B]], axis=2)
-    return angles, both[at, best], margin[at, best]
+    rows = np.arange(N)[:, None]
+    angles = np.concatenate([first[0][rows, best // B], second[0][rows, best % B]], axis=2)
+    return angles, both[rows, best], margin[rows, best]
 
 
 def rough_scores(
@@ -244,11 +246,11 @@ def rough_scores(
     Args:
         angles: (N, tasks, n), rad.
     """
-    found = [
+    results = [
         evaluator.task(t, patch, parameters, angles[:, t], contacts=False) for t in range(angles.shape[1])
     ]
-    margin = np.min([own.margin() for own in found], axis=0)
-    return evaluator.totals(evaluator.least_criteria(found)), margin
+    margin = np.min([evaluation.margin() for evaluation in results], axis=0)
+    return evaluator.totals(evaluator.least_criteria(results)), margin
 
 
 def _best_of(parts: list[Candidates]) -> Candidates:
@@ -264,10 +266,10 @@ def ranked(evaluator: Evaluator, candidates: Candidates) -> Candidates:
     """The candidates with their contacts solved, the best first."""
     totals, margins = np.full(len(candidates), np.nan), np.full(len(candidates), -np.inf)
     for patch in np.unique(candidates.patches):
-        own = np.flatnonzero(candidates.patches == patch)
-        parameters = np.array([candidates.parameters[i] for i in own])
-        totals[own], margins[own] = exact_scores(
-            evaluator, patch, parameters, candidates.angles[own], fast=True
+        indices = np.flatnonzero(candidates.patches == patch)
+        parameters = np.array([candidates.parameters[i] for i in indices])
+        totals[indices], margins[indices] = exact_scores(
+            evaluator, patch, parameters, candidates.angles[indices], fast=True
         )
     return _sorted(replace(candidates, totals=totals, margins=margins))
 
@@ -289,11 +291,11 @@ def exact_scores(
     evaluator: Evaluator, patch: int, parameters: np.ndarray, angles: np.ndarray, fast: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
     """Objective and smallest margin of all constraints, (N,) each; angles (N, tasks, n)."""
-    found = [evaluator.task(t, patch, parameters, angles[:, t], fast=fast) for t in range(angles.shape[1])]
+    results = [evaluator.task(t, patch, parameters, angles[:, t], fast=fast) for t in range(angles.shape[1])]
     margin = smallest_margin(evaluator.ground(patch, parameters), len(parameters))
-    for own in found:
-        margin = np.minimum(margin, own.margin())
-    return evaluator.totals(evaluator.criteria(found)), margin
+    for evaluation in results:
+        margin = np.minimum(margin, evaluation.margin())
+    return evaluator.totals(evaluator.criteria(results)), margin
 
 
 def spread(
@@ -310,13 +312,13 @@ def spread(
     places = [np.zeros((0, 0))] * len(problem.terrain)
     numbers = np.zeros(len(candidates), dtype=int)
     for patch in range(len(problem.terrain)):
-        own = np.flatnonzero(candidates.patches == patch)
-        numbers[own] = np.arange(len(own))
-        if not len(own):
+        indices = np.flatnonzero(candidates.patches == patch)
+        numbers[indices] = np.arange(len(indices))
+        if not len(indices):
             continue
-        parameters = np.array([candidates.parameters[i] for i in own])
+        parameters = np.array([candidates.parameters[i] for i in indices])
         origin, base = evaluator.place(patch, parameters)
-        q = candidates.angles[own].reshape(len(own), -1)
+        q = candidates.angles[indices].reshape(len(indices), -1)
         turns = np.hstack([np.cos(q), np.sin(q)])
         where = parameters / problem.scales(patch)
         if postures and turns_beneath(evaluator, patch):
@@ -334,9 +336,9 @@ def spread(
         i = int(free[0])
         chosen.append(i)
         patch = candidates.patches[i]
-        own = np.flatnonzero(candidates.patches == patch)
+        indices = np.flatnonzero(candidates.patches == patch)
         away = np.max(np.abs(places[patch] - places[patch][numbers[i]]), axis=1)
-        near[own] = np.minimum(near[own], away)
+        near[indices] = np.minimum(near[indices], away)
         near[i] = -np.inf
     return chosen
 
@@ -372,12 +374,12 @@ def _draw(evaluator: Evaluator, patch: int, rng: np.random.Generator, count: int
 
 
 def _beside(
-    evaluator: Evaluator, found: Candidates, rng: np.random.Generator, count: int, away: float
+    evaluator: Evaluator, candidates: Candidates, rng: np.random.Generator, count: int, away: float
 ) -> np.ndarray:
     """Parameters (count, k) near those of candidates of one patch."""
-    patch = found.patches[0]
+    patch = candidates.patches[0]
     terrain = evaluator.problem.terrain[patch]
-    near = np.array(found.parameters)[rng.integers(len(found), size=count)]
+    near = np.array(candidates.parameters)[rng.integers(len(candidates), size=count)]
     near += away * evaluator.problem.scales(patch) * rng.normal(size=near.shape)
     return np.clip(terrain.wrapped(near), terrain.lower, terrain.upper)
 
@@ -399,10 +401,10 @@ def _nearest_misses(evaluator: Evaluator, rng: np.random.Generator, count: int, 
         for t in range(len(problem.tasks)):
             q = solutions(evaluator, t, patch, parameters, rng, approach=True)
             flat = q.reshape(-1, q.shape[2])
-            found = evaluator.task(
+            evaluation = evaluator.task(
                 t, patch, np.repeat(parameters, q.shape[1], axis=0), flat, contacts=False, clearances=False
             )
-            missed = -np.sum(found.rows[0].margins, axis=1).reshape(q.shape[:2])
+            missed = -np.sum(evaluation.rows[0].margins, axis=1).reshape(q.shape[:2])
             best = np.argmin(missed, axis=1)
             chosen.append(q[np.arange(len(q)), best])
             error = np.maximum(error, missed.min(axis=1))
@@ -417,6 +419,6 @@ def _nearest_misses(evaluator: Evaluator, rng: np.random.Generator, count: int, 
                 0,
             )
         )
-    found = joined(parts, sampled, 0)
-    order = np.argsort(-found.margins, kind="stable")
-    return replace(found.select(order), posed=False)
+    evaluation = joined(parts, sampled, 0)
+    order = np.argsort(-evaluation.margins, kind="stable")
+    return replace(evaluation.select(order), posed=False)

@@ -36,7 +36,7 @@ class DistanceBounds:
                 self._ends[s], self._radii[s] = enclosing_capsule(shape)
         planes = [_planes(shape) for shape in shapes]
         self._planes = np.concatenate([np.empty((0, 4)), *planes])
-        self._begins = np.cumsum([0, *(len(own) for own in planes)])
+        self._begins = np.cumsum([0, *(len(plane) for plane in planes)])
         self._pairs = np.empty((0, 2), dtype=int)
 
     def of(self, pairs: np.ndarray) -> DistanceBounds:
@@ -52,12 +52,12 @@ class DistanceBounds:
 
         Bounds above `enough` (m; one for all, or (m,)) need not be close.
         """
-        found = np.empty((len(axes), len(self._pairs)))
+        values = np.empty((len(axes), len(self._pairs)))
         bodies = self._bodies % axes.shape[1]
         solids = self._ends, self._radii, self._planes, self._begins
         wanted = np.asarray(enough, dtype=float) if np.ndim(enough) else np.full(len(self._pairs), enough)
-        _bounds(axes, origins, bodies, *solids, self._pairs, wanted, found)
-        return found
+        _bounds(axes, origins, bodies, *solids, self._pairs, wanted, values)
+        return values
 
 
 def _planes(shape: Shape) -> np.ndarray:
@@ -72,7 +72,7 @@ def _planes(shape: Shape) -> np.ndarray:
 
 
 @compiled
-def _bounds(axes, origins, bodies, ends, radii, planes, begins, pairs, enough, found):
+def _bounds(axes, origins, bodies, ends, radii, planes, begins, pairs, enough, result):
     placed, faces = np.empty((len(bodies), 2, 3)), np.empty((len(planes), 4))
     reach = np.empty(len(bodies))  # of balls about the capsules
     for s in range(len(bodies)):
@@ -113,7 +113,7 @@ def _bounds(axes, origins, bodies, ends, radii, planes, begins, pairs, enough, f
                         bound = max(bound, min(low, high) - radii[solid] - _ROUNDED)
             if bound < enough[m] and radii[a] < np.inf and radii[b] < np.inf:
                 bound = max(bound, between_lines(placed[a], placed[b]) - (radii[a] + radii[b]))
-            found[n, m] = bound
+            result[n, m] = bound
 
 
 @compiled
@@ -176,14 +176,14 @@ def _lever_arms(arm: ArmModel, bodies: np.ndarray, across: np.ndarray, about: np
     """Largest distance (s, L), m, of any point of solids from the axis of each joint; 1 where it slides."""
     ranges, lengths = _slide_ranges(arm), np.linalg.norm(arm.offsets, axis=1)
     beside = np.linalg.norm(arm.offsets[:, :2], axis=1)  # of the next origin from the axis
-    found = np.zeros((len(bodies), arm.links))
+    values = np.zeros((len(bodies), arm.links))
     for solid, body in enumerate(bodies):
         beyond = about[solid]  # distance of any point from the origin of the link behind the joint
         for joint in range(body, -1, -1):
             turning = across[solid] if joint == body else beside[joint] + beyond
-            found[solid, joint] = 1.0 if arm.slides[joint] else turning
+            values[solid, joint] = 1.0 if arm.slides[joint] else turning
             beyond += ranges[joint] + (0.0 if joint == body else lengths[joint])
-    return found
+    return values
 
 
 def _slide_ranges(arm: ArmModel) -> np.ndarray:

@@ -94,21 +94,21 @@ class Distances:
             below: m, one for all or (m,) by pair; above it, the answer may be a lower bound that also is.
         """
         order = np.argsort(groups, kind="stable")
-        own = groups[order]
-        begins = np.flatnonzero(np.diff(own, prepend=-1))
-        found = np.empty((len(y), len(begins)))
+        group = groups[order]
+        begins = np.flatnonzero(np.diff(group, prepend=-1))
+        values = np.empty((len(y), len(begins)))
         for begin in range(0, len(y), _AT_ONCE):
             axes, origins = self._poses(y[begin : begin + _AT_ONCE])
             gaps = self._bounds(axes, origins, below)[:, order]
             near = gaps < np.broadcast_to(below, len(order))[order]
-            first = gaps == np.minimum.reduceat(gaps, begins, axis=1)[:, own]
+            first = gaps == np.minimum.reduceat(gaps, begins, axis=1)[:, group]
             most = np.inf
             for rows in (near & first, near & ~first):  # then what may be nearer still
                 i, k = np.nonzero(rows & (gaps < most))
                 gaps[i, k] = self._nearest(axes, origins, i, order[k], points=False).distances
-                most = np.minimum.reduceat(np.where(first, gaps, np.inf), begins, axis=1)[:, own]
-            found[begin : begin + _AT_ONCE] = np.minimum.reduceat(gaps, begins, axis=1)
-        return found
+                most = np.minimum.reduceat(np.where(first, gaps, np.inf), begins, axis=1)[:, group]
+            values[begin : begin + _AT_ONCE] = np.minimum.reduceat(gaps, begins, axis=1)
+        return values
 
     def proved(self, y: np.ndarray, least: float, needed: np.ndarray) -> np.ndarray | None:
         """See `Collisions.proved`; the first distance below `least` ends it, of the nearest pairs first."""
@@ -121,8 +121,10 @@ class Distances:
             a, b = self.pairs[pair]
             for solid in (a, b):
                 if (state, solid) not in poses:
-                    at = state, self._bodies[solid]
-                    poses[state, solid] = self._coal.Transform3s(axes[at], origins[at]) * self._own[solid]
+                    position = state, self._bodies[solid]
+                    poses[state, solid] = (
+                        self._coal.Transform3s(axes[position], origins[position]) * self._own[solid]
+                    )
             result.clear()
             gap = self._coal.distance(
                 self._solids[a], poses[state, a], self._solids[b], poses[state, b], self._quick, result
@@ -136,17 +138,17 @@ class Distances:
     def least(self, y: np.ndarray) -> Contact:
         """The nearest pair at each of N states (as many rows, in their order)."""
         parts = [self._least(y[begin : begin + _AT_ONCE]) for begin in range(0, len(y), _AT_ONCE)]
-        found = [replace(part, states=part.states + k * _AT_ONCE) for k, part in enumerate(parts)]
-        return _joined(*found) if found else self._least(y)
+        results = [replace(part, states=part.states + k * _AT_ONCE) for k, part in enumerate(parts)]
+        return _joined(*results) if results else self._least(y)
 
     def _least(self, y: np.ndarray) -> Contact:
         axes, origins = self._poses(y)
         bounds = self._bounds(axes, origins)
         states = np.arange(len(y))
         best = self._nearest(axes, origins, states, np.argmin(bounds, axis=1))
-        found = bounds.copy()
-        found[states, best.pairs] = np.inf
-        i, k = np.nonzero(found < best.distances[:, None])
+        values = bounds.copy()
+        values[states, best.pairs] = np.inf
+        i, k = np.nonzero(values < best.distances[:, None])
         others = self._nearest(axes, origins, i, k)
         every = _joined(best, others)
         order = np.lexsort((every.pairs, every.distances, every.states))
@@ -155,9 +157,9 @@ class Distances:
 
     def at(self, y: np.ndarray, states: np.ndarray, pairs: np.ndarray) -> tuple[Contact, np.ndarray]:
         """Nearest points in rows (states[r], pairs[r]), and slopes (r, ny) of their distances over y."""
-        used, own = np.unique(states, return_inverse=True)
+        used, owner = np.unique(states, return_inverse=True)
         axes, origins = self._poses(y[used])
-        contact = self._nearest(axes, origins, own, pairs)
+        contact = self._nearest(axes, origins, owner, pairs)
         apart = self._moved(y[used], axes, origins, contact)[0]
         return replace(contact, states=states), np.einsum("ra,rax->rx", contact.normals, apart)
 
@@ -167,12 +169,12 @@ class Distances:
         used, states = np.unique(contact.states, return_inverse=True)
         y, contact = y[used], replace(contact, states=states)
         axes, origins = self._poses(y)
-        apart, own, slide, turned = self._moved(y, axes, origins, contact, features=True)
+        apart, directions, slide, turned = self._moved(y, axes, origins, contact, features=True)
         weights = np.zeros((len(y), self._frames.function.numel_out(0)))
         for side, sign in ((0, -1.0), (1, 1.0)):
             bodies = self._bodies[self._both[contact.pairs, side]]
             moving = np.flatnonzero(bodies != RESTING)
-            ends = contact.normals[moving, :, None] * own[moving, side, None, :]
+            ends = contact.normals[moving, :, None] * directions[moving, side, None, :]
             entries = np.concatenate([ends.reshape(-1, 9), contact.normals[moving]], axis=1)
             columns = 12 * bodies[moving, None] + np.arange(12)
             scaled = sign * on[moving, None] * entries
@@ -212,7 +214,7 @@ class Distances:
         """Nearest points of some pairs at some states; if not asked for, normals and points are empty."""
         rows, distance = len(states), self._coal.distance
         result = self._coal.DistanceResult()  # of its own: threads may share this object
-        distances, found = np.empty(rows), np.empty((rows, 3, 3)) if points else None
+        distances, values = np.empty(rows), np.empty((rows, 3, 3)) if points else None
         solids = self._both[pairs]
         number = len(self._shapes)
         wanted, which = np.unique(states[:, None] * number + solids, return_inverse=True)
@@ -227,11 +229,11 @@ class Distances:
             distances[r] = distance(
                 self._solids[a], poses[p], self._solids[b], poses[q], self._request, result
             )
-            if found is not None:
-                found[r] = result.normal, result.getNearestPoint1(), result.getNearestPoint2()
-        if found is None:
+            if values is not None:
+                values[r] = result.normal, result.getNearestPoint1(), result.getNearestPoint2()
+        if values is None:
             return Contact(states, pairs, distances)
-        return Contact(states, pairs, distances, found[:, 0], found[:, 1:])
+        return Contact(states, pairs, distances, values[:, 0], values[:, 1:])
 
     def _moved(
         self,
@@ -248,7 +250,7 @@ class Distances:
         """
         slopes = self._slopes(y)[0].reshape(len(y), self._moving, 12, y.shape[1])
         rows = len(contact.states)
-        apart, own = np.zeros((rows, 3, y.shape[1])), np.empty((rows, 2, 3))
+        apart, directions = np.zeros((rows, 3, y.shape[1])), np.empty((rows, 2, 3))
         along, turned = np.zeros((rows, 3, 4)), np.zeros((rows, y.shape[1], 4))
         depth = np.zeros(rows)
         for side, sign in ((0, -1.0), (1, 1.0)):
@@ -265,17 +267,17 @@ class Distances:
                 down = np.array([self._shapes[solid].thickness for solid in solids])
                 points += sign * down[:, None] * contact.normals
                 depth += down
-            own[:, side] = np.einsum("rab,ra->rb", turn, points - origins[contact.states, bodies])
+            directions[:, side] = np.einsum("rab,ra->rb", turn, points - origins[contact.states, bodies])
             moving = np.flatnonzero(bodies != RESTING)
             of_body = slopes[contact.states[moving], bodies[moving]]
             of_axes = of_body[:, :9].reshape(len(moving), 3, 3, of_body.shape[-1])
-            moved = np.einsum("rabx,rb->rax", of_axes, own[moving, side]) + of_body[:, 9:]
+            moved = np.einsum("rabx,rb->rax", of_axes, directions[moving, side]) + of_body[:, 9:]
             apart[moving] += sign * moved
             if features:
                 along[:, :, 2 * side : 2 * side + 2] = sign * turn @ local
                 towards = np.einsum("rabx,rbs,ra->rxs", of_axes, local[moving], contact.normals[moving])
                 turned[moving, :, 2 * side : 2 * side + 2] = sign * towards
-        return apart, own, _Slide(along, depth), turned
+        return apart, directions, _Slide(along, depth), turned
 
 
 @dataclass(frozen=True, eq=False)

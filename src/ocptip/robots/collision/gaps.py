@@ -138,9 +138,9 @@ class Collisions:
         """
         if not self.labels or not np.size(q):
             return np.inf, None, 0
-        found = self.nearest(np.atleast_2d(q))
-        state = int(np.argmin(found.distances))
-        return float(found.distances[state]), self.labels[found.pairs[state]], state
+        result = self.nearest(np.atleast_2d(q))
+        state = int(np.argmin(result.distances))
+        return float(result.distances[state]), self.labels[result.pairs[state]], state
 
     def approach(self, moved: np.ndarray) -> np.ndarray:
         """(N, m), m: how much nearer each pair can come while joints move by up to moved (N, n), rad or m."""
@@ -156,27 +156,27 @@ class Collisions:
     def hidden(self, q: np.ndarray, least: float) -> list[GapLabel]:
         """Pairs of which solids are nearer than `least`, m, at q (n,), and meshes are not."""
         near = np.flatnonzero(self.gaps(q, least) < least)
-        found = {f"{self.labels[k]}": self.labels[k] for k in near}.values()
-        apart = [self.on_meshes(q, label) for label in found]
-        return [label for label, gap in zip(found, apart, strict=True) if gap is not None and gap >= least]
+        result = {f"{self.labels[k]}": self.labels[k] for k in near}.values()
+        apart = [self.on_meshes(q, label) for label in result]
+        return [label for label, gap in zip(result, apart, strict=True) if gap is not None and gap >= least]
 
     def attainable(self, postures: np.ndarray, most: float) -> tuple[float, GapLabel | None]:
         """Largest distance, m, up to `most`, that every two names have in some posture (N, n).
 
         With the pair that is never farther apart; None where all are.
         """
-        found, limiting = most, None
+        result, limiting = most, None
         names = [str(label) for label in self.labels]
         near = np.arange(len(names))
         for q in (postures[:10], postures):  # most pairs drop out with the first ones
             gaps = self.gaps(q, most)[:, near]
             groups = {names[k]: np.flatnonzero([names[j] == names[k] for j in near]) for k in near}
-            widest = {name: float(gaps[:, own].min(axis=1).max()) for name, own in groups.items()}
+            widest = {name: float(gaps[:, group].min(axis=1).max()) for name, group in groups.items()}
             near = np.array([k for k in near if widest[names[k]] < most], dtype=int)
         for k in near:
-            if widest[names[k]] < found:
-                found, limiting = widest[names[k]], self.labels[k]
-        return max(found, 0.0), limiting
+            if widest[names[k]] < result:
+                result, limiting = widest[names[k]], self.labels[k]
+        return max(result, 0.0), limiting
 
     def to_dict(self, q: np.ndarray | None = None, others: np.ndarray | None = None) -> dict[str, Any]:
         """The scope of the check, as plain data for JSON.
@@ -198,16 +198,16 @@ class Collisions:
         ]
         data["left_out"] = [{"pair": sorted(pair), "reason": why} for pair, why in self.apart.items()]
         if q is not None:
-            found = self.nearest(q[None])
-            label = self.labels[found.pairs[0]]
+            result = self.nearest(q[None])
+            label = self.labels[result.pairs[0]]
             data["least"] = {
-                "distance_m": float(found.distances[0]),
+                "distance_m": float(result.distances[0]),
                 "between": [label.first, label.second],
-                "points_m": found.points.reshape(-1, 3).tolist() or None,
+                "points_m": result.points.reshape(-1, 3).tolist() or None,
             }
             if others is not None:
-                least = found.distances[0]
-                along = self.gaps(others, least + 0.5)[:, found.pairs[0]]
+                least = result.distances[0]
+                along = self.gaps(others, least + 0.5)[:, result.pairs[0]]
                 if np.all(np.abs(along - least) < SAME):
                     data["least"]["constant"] = True
         return data

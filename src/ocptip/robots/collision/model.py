@@ -71,15 +71,15 @@ class ShapeCollisions(Collisions):
         super().__init__(arm.n)
         geometry = arm.geometry or geometry_of_spheres(arm)
         self.arm, self.source, self.floors = arm, geometry.source, floors_among(obstacles)
-        own, fixed = solids_of(arm, geometry), [(s.name, RESTING, s.shape) for s in base]
+        solids, fixed = solids_of(arm, geometry), [(s.name, RESTING, s.shape) for s in base]
         around = [(o.name, RESTING, o.shape) for o in obstacles]
-        self.solids = [*own, *fixed, *around]
-        self.of_arm, self.of_base = len(own), len(fixed)
+        self.solids = [*solids, *fixed, *around]
+        self.of_arm, self.of_base = len(solids), len(fixed)
         self.of_links = sum(not shape.carried for shape in geometry.shapes)
-        self.links = frozenset(name for name, *_ in own[: self.of_links]) if arm.geometry else frozenset()
+        self.links = frozenset(name for name, *_ in solids[: self.of_links]) if arm.geometry else frozenset()
         bodies = [s.body for s in geometry.shapes]
         self.apart = {}
-        mounted = [self._links(bodies, 2), range(len(own), len(own) + len(fixed))]
+        mounted = [self._links(bodies, 2), range(len(solids), len(solids) + len(fixed))]
         inner = [*self._self_pairs(geometry), *product(*mounted)]
         self.distances = Distances(
             link_frames_function(arm), [(body, shape) for _, body, shape in self.solids], inner
@@ -89,7 +89,7 @@ class ShapeCollisions(Collisions):
         kept_off = {name for pair in geometry.apart if FLOOR in pair for name in pair}
         self.apart |= {pair: why for pair, why in geometry.apart.items() if FLOOR in pair and any(floors)}
         outer = [
-            (s, len(own) + len(fixed) + k)
+            (s, len(solids) + len(fixed) + k)
             for k, is_floor in enumerate(floors)
             for s in self._links(bodies, 1)
             if not (is_floor and self.solids[s][0] in kept_off)
@@ -146,18 +146,22 @@ class ShapeCollisions(Collisions):
         reason: str,
     ) -> list[tuple[int, int]]:
         """The pairs but for those of links that are related and touch in more postures than that."""
-        own = [k for k, pair in enumerate(pairs) if max(pair) < self.of_links and related(*pair)]
-        if not own:
+        related_pairs = [k for k, pair in enumerate(pairs) if max(pair) < self.of_links and related(*pair)]
+        if not related_pairs:
             return pairs
-        found = self.distances.of([pairs[k] for k in own]).gaps(random_postures(self.arm, POSTURES), TOUCHING)
+        result = self.distances.of([pairs[k] for k in related_pairs]).gaps(
+            random_postures(self.arm, POSTURES), TOUCHING
+        )
         touches: dict[frozenset[str], np.ndarray] = {}
-        for k, touch in zip(own, (found < TOUCHING).T, strict=True):
+        for k, touch in zip(related_pairs, (result < TOUCHING).T, strict=True):
             names = self._names(pairs[k])
             touches[names] = touches.get(names, np.zeros(len(touch), dtype=bool)) | touch
         counts = {names: int(touch.sum()) for names, touch in touches.items() if touch.sum() > postures}
         for names, count in counts.items():
             self.apart[names] = f"{reason} (touching in {count} of {POSTURES} postures)"
-        return [pair for k, pair in enumerate(pairs) if k not in own or self._names(pair) not in counts]
+        return [
+            pair for k, pair in enumerate(pairs) if k not in related_pairs or self._names(pair) not in counts
+        ]
 
     def _in_line(self, first: int, second: int) -> bool:
         """Whether all joints between two solids, at least two, slide along parallel axes."""
@@ -191,7 +195,7 @@ class ShapeCollisions(Collisions):
         for k, (_, body, shape) in enumerate(self.solids):
             if body != RESTING:
                 corners = shape.outline()
-                reach[:, k] = [np.linalg.norm(own, axis=1).max() for own in (corners[:, :2], corners)]
+                reach[:, k] = [np.linalg.norm(size, axis=1).max() for size in (corners[:, :2], corners)]
                 reach[:, k] += shape.thickness
         return bodies, reach[0], reach[1]
 
@@ -218,20 +222,20 @@ class ShapeCollisions(Collisions):
             return coal.Transform3s(turn @ item.rotation, origin + turn @ item.position)
 
         def of(name: str) -> Iterator[tuple[Any, Any]]:
-            own = [mesh for mesh in meshes if mesh.name == name]
-            for mesh in own:
-                found = load_mesh(mesh.file, mesh.scale)
-                at = (
+            named = [mesh for mesh in meshes if mesh.name == name]
+            for mesh in named:
+                result = load_mesh(mesh.file, mesh.scale)
+                frame = (
                     (frames.rotations[0, mesh.body - 1], frames.origins[0, mesh.body - 1])
                     if mesh.body
                     else (self.arm.mount_rotation, self.arm.mount_position)
                 )
-                yield found, placed(mesh, *at)
+                yield result, placed(mesh, *frame)
             for other, body, shape in self.solids:
-                if other == name and not (own and isinstance(shape, Hull)):
+                if other == name and not (named and isinstance(shape, Hull)):
                     still = np.eye(3), np.zeros(3)
-                    at = still if body == RESTING else (frames.rotations[0, body], frames.origins[0, body])
-                    yield shape.solid(), placed(shape, *at)
+                    frame = still if body == RESTING else (frames.rotations[0, body], frames.origins[0, body])
+                    yield shape.solid(), placed(shape, *frame)
 
         pairs = product(list(of(label.first)), list(of(label.second)))
         return min(coal.distance(a, x, b, y, request, result.clear() or result) for (a, x), (b, y) in pairs)
@@ -254,15 +258,15 @@ def always_touching(arm: ArmModel, distances: Distances) -> np.ndarray:
     """Numbers of the pairs that touch in each of `POSTURES` random postures."""
     touching = np.arange(len(distances.pairs))
     for q in (random_postures(arm, 10), random_postures(arm, POSTURES)):
-        found = distances.of([distances.pairs[k] for k in touching]).gaps(q, TOUCHING)
-        touching = touching[(found < TOUCHING).all(axis=0)]
+        result = distances.of([distances.pairs[k] for k in touching]).gaps(q, TOUCHING)
+        touching = touching[(result < TOUCHING).all(axis=0)]
     return touching
 
 
 def _same(last: tuple[np.ndarray, Contact], q: np.ndarray, states: np.ndarray, pairs: np.ndarray) -> bool:
     """Whether nearest points are those of these rows."""
-    found = last[0], last[1].states, last[1].pairs
-    return all(np.array_equal(a, b) for a, b in zip(found, (q, states, pairs), strict=True))
+    result = last[0], last[1].states, last[1].pairs
+    return all(np.array_equal(a, b) for a, b in zip(result, (q, states, pairs), strict=True))
 
 
 def solids_of(arm: ArmModel, geometry: ArmGeometry) -> list[tuple[str, int, Shape]]:

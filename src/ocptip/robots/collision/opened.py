@@ -71,7 +71,10 @@ def opened(collision: ShapeCollisions, postures: Iterable[np.ndarray], least: fl
         return None
     kept = [s for s in arm.geometry.shapes if s.name not in pieces or not isinstance(s.shape, Hull)]
     finer = [
-        BodyShape(name, p.body, p.shape) for name, own in pieces.items() for p in own if p.surface is not None
+        BodyShape(name, p.body, p.shape)
+        for name, piece in pieces.items()
+        for p in piece
+        if p.surface is not None
     ]
     links, carried = ([s for s in kept if s.carried == held] for held in (False, True))
     return replace(arm.geometry, shapes=(*links, *finer, *carried))
@@ -87,16 +90,16 @@ def _open(
     """Cut the meshes of two names until their solids are so far apart, m; whether they are."""
     both = [pieces.get(name) or list(_pieces(collision, name)) for name in (label.first, label.second)]
     poses: dict[int, tuple[np.ndarray, np.ndarray]] = {
-        p.body: _pose(collision, frames, p.body) for own in both for p in own
+        p.body: _pose(collision, frames, p.body) for which in both for p in which
     }
     gaps = {(one, other): _nearest(one, other, poses) for one, other in product(*both)}
     for _ in range(CUTS):
-        pair = min(gaps, key=lambda own: gaps[own][0])
+        pair = min(gaps, key=lambda which: gaps[which][0])
         gap, points = gaps[pair]
         if gap >= least:
             pieces.update(
-                (name, own) for name, own in zip((label.first, label.second), both, strict=True)
-                if any(p.surface is not None for p in own)
+                (name, which) for name, which in zip((label.first, label.second), both, strict=True)
+                if any(p.surface is not None for p in which)
             )  # fmt: skip
             return True
         best, chosen = gap + _GAIN, None
@@ -111,10 +114,10 @@ def _open(
             return False
         side, halves = chosen
         both[side] = [p for p in both[side] if p is not pair[side]] + halves
-        gaps = {own: found for own, found in gaps.items() if own[side] is not pair[side]}
+        gaps = {which: result for which, result in gaps.items() if which[side] is not pair[side]}
         for half, other in product(halves, both[1 - side]):
-            own = _ordered(half, other, side)
-            gaps[own] = _nearest(*own, poses)
+            which = _ordered(half, other, side)
+            gaps[which] = _nearest(*which, poses)
     return False
 
 
@@ -130,8 +133,8 @@ def _nearest(
     request, result = coal.DistanceRequest(), coal.DistanceResult()
     request.enable_signed_distance = True
     placed = [p.shape.placed(*poses[p.body]) for p in (first, second)]
-    at = [coal.Transform3s(p.rotation, p.position) for p in placed]
-    gap = coal.distance(first.solid, at[0], second.solid, at[1], request, result)
+    transforms = [coal.Transform3s(p.rotation, p.position) for p in placed]
+    gap = coal.distance(first.solid, transforms[0], second.solid, transforms[1], request, result)
     return float(gap), np.array([result.getNearestPoint1(), result.getNearestPoint2()])
 
 
@@ -149,8 +152,8 @@ def _pieces(collision: ShapeCollisions, name: str) -> Iterator[_Piece]:
     meshes = [] if geometry is None else [mesh for mesh in geometry.meshes if mesh.name == name]
     for mesh in meshes:
         for surface in cut_surfaces(*_triangles(mesh)):
-            own = surface @ mesh.rotation.T + mesh.position
-            yield _Piece(mesh.body, Hull(corners_of(own)), own)
+            points = surface @ mesh.rotation.T + mesh.position
+            yield _Piece(mesh.body, Hull(corners_of(points)), points)
     for other, body, shape in collision.solids:
         if other == name and not (meshes and isinstance(shape, Hull)):
             yield _Piece(RESTING if body == RESTING else body + 1, shape)

@@ -75,15 +75,15 @@ def cut_surfaces(points: np.ndarray, triangles: np.ndarray, most: int | None = N
             k = max(range(len(parts)), key=lambda i: parts[i][1] - parts[i][2][0])
         else:
             k = max(range(len(parts)), key=lambda i: parts[i][1])
-        own, before, (after, axis, level) = parts[k]
+        piece_here, before, (after, axis, level) = parts[k]
         if most is None and not _is_worthwhile(before, after):
             break
         if most is not None and after > (1 - LITTLE) * before:
             # No single cut helps: a groove opens only after one through it, and a shell gets thin pieces.
-            low, high = own.min(axis=(0, 1)), own.max(axis=(0, 1))
+            low, high = piece_here.min(axis=(0, 1)), piece_here.max(axis=(0, 1))
             axis = int(np.argmax(high - low))
             level = float(0.5 * (low[axis] + high[axis]))
-        pieces = [side_of(own, axis, level, side) for side in (-1.0, 1.0)]
+        pieces = [side_of(piece_here, axis, level, side) for side in (-1.0, 1.0)]
         if min(map(len, pieces)) == 0:
             break
         parts[k : k + 1] = [(piece, _hull_volume(piece), _best_cut(piece)) for piece in pieces]
@@ -213,8 +213,8 @@ def touches_on_meshes(arm: ArmModel, geometry: ArmGeometry, raw: Sequence[Raw]) 
     ]
     solids = [(body, shape) for _, body, shape in solids_of(arm, geometry)]
     distances = Distances(link_frames_function(arm), solids, pairs)
-    found = {frozenset(shapes[s].name for s in pairs[k]) for k in always_touching(arm, distances)}
-    if not found:
+    outcome = {frozenset(shapes[s].name for s in pairs[k]) for k in always_touching(arm, distances)}
+    if not outcome:
         return {}
     coal, frames = load_coal(), link_frames(arm, random_postures(arm, POSTURES))
     request, result = coal.CollisionRequest(), coal.CollisionResult()
@@ -232,8 +232,8 @@ def touches_on_meshes(arm: ArmModel, geometry: ArmGeometry, raw: Sequence[Raw]) 
         return coal.collide(first.geometry, poses[0], second.geometry, poses[1], request, result) > 0
 
     counts = {}
-    for names in sorted(found, key=sorted):
-        own = [[item for item in raw if item.name == name] for name in sorted(names)]
-        hits = (any(touch(a, b, state) for a, b in product(*own)) for state in range(POSTURES))
+    for names in sorted(outcome, key=sorted):
+        items = [[item for item in raw if item.name == name] for name in sorted(names)]
+        hits = (any(touch(a, b, state) for a, b in product(*items)) for state in range(POSTURES))
         counts[names] = sum(hits)
     return counts

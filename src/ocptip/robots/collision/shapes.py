@@ -281,20 +281,20 @@ def enclosing_capsule(shape: Shape) -> tuple[np.ndarray, float]:
     corners = shape.outline()
     centre = corners.mean(axis=0)
     axes = _principal_axes(corners)
-    found = []
+    results = []
     for k in range(3):
-        own = (corners - centre) @ np.roll(axes, -k, axis=0).T
-        middle = 0.5 * (own.min(axis=0) + own.max(axis=0))
-        off = np.sum((own[:, 1:] - middle[1:]) ** 2, axis=1)
+        lengths = (corners - centre) @ np.roll(axes, -k, axis=0).T
+        middle = 0.5 * (lengths.min(axis=0) + lengths.max(axis=0))
+        off = np.sum((lengths[:, 1:] - middle[1:]) ** 2, axis=1)
         radius = float(np.sqrt(off.max()))
         half = np.sqrt(np.maximum(radius**2 - off, 0))
-        low, high = (own[:, 0] + half).min(), (own[:, 0] - half).max()
+        low, high = (lengths[:, 0] + half).min(), (lengths[:, 0] - half).max()
         if low > high:  # one ball will do
             low = high = 0.5 * (low + high)
         ends = np.array([[low, *middle[1:]], [high, *middle[1:]]]) @ np.roll(axes, -k, axis=0) + centre
         volume = np.pi * radius**2 * (high - low + 4 / 3 * radius)
-        found.append((volume, k, ends, radius + shape.thickness + 1e-9))
-    return min(found, key=lambda entry: entry[:2])[2:]
+        results.append((volume, k, ends, radius + shape.thickness + 1e-9))
+    return min(results, key=lambda entry: entry[:2])[2:]
 
 
 def _principal_axes(points: np.ndarray) -> np.ndarray:

@@ -53,10 +53,10 @@ class SphereGaps:
         alone, two = np.flatnonzero(second == NOTHING), np.flatnonzero(second != NOTHING)
         if alone.size:
             distances, over = self._around(centres[alone])
-            rows, own = np.arange(alone.size), obstacle[alone]
+            rows, spheres_here = np.arange(alone.size), obstacle[alone]
             gaps[alone], directions[alone] = (
-                distances[rows, own],
-                over.reshape(alone.size, 3, -1)[rows, :, own],
+                distances[rows, spheres_here],
+                over.reshape(alone.size, 3, -1)[rows, :, spheres_here],
             )
         between = centres[two] - self._placed(frames, states[two], second[two])
         lengths = np.sqrt(np.sum(between**2, axis=1) + TINY)
@@ -82,9 +82,9 @@ class SphereGaps:
 
     def _placed(self, frames: LinkFrames, states: np.ndarray, spheres: np.ndarray) -> np.ndarray:
         """Centres (r, 3), m."""
-        links, own = self._links[spheres], self._centres[spheres]
-        at = states, links - 1  # of what does not move the last, which is replaced
-        found = frames.origins[at] + np.einsum("rij,rj->ri", frames.rotations[at], own)
+        links, centres = self._links[spheres], self._centres[spheres]
+        frame = states, links - 1  # of what does not move the last, which is replaced
+        result = frames.origins[frame] + np.einsum("rij,rj->ri", frames.rotations[frame], centres)
         still = links == 0
-        found[still] = self._model.mount_position + own[still] @ self._model.mount_rotation.T
-        return found
+        result[still] = self._model.mount_position + centres[still] @ self._model.mount_rotation.T
+        return result

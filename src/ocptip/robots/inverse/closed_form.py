@@ -82,8 +82,8 @@ def closed_form_branches(model: ArmModel, position: np.ndarray, rotation: np.nda
     Raises:
         ValueError: no closed form for this arm (ask `closed_form_family` first).
     """
-    found = _all_branches(model, np.asarray(position)[None], np.asarray(rotation)[None])[0]
-    return found[np.isfinite(found).all(axis=1)]
+    result = _all_branches(model, np.asarray(position)[None], np.asarray(rotation)[None])[0]
+    return result[np.isfinite(result).all(axis=1)]
 
 
 def branches_within_limits(model: ArmModel, positions: np.ndarray, rotations: np.ndarray) -> np.ndarray:
@@ -101,14 +101,16 @@ def branches_within_limits(model: ArmModel, positions: np.ndarray, rotations: np
     Raises:
         ValueError: no closed form for this arm (ask `closed_form_family` first).
     """
-    found = within_limits(model, _all_branches(model, positions, rotations))
-    n, which = np.nonzero(np.isfinite(found).all(axis=2))
-    at, turned, _ = gripper_batch(model)(found[n, which])
-    error = np.maximum(np.abs(at - positions[n]).max(axis=1), np.abs(turned - rotations[n]).max(axis=(1, 2)))
+    result = within_limits(model, _all_branches(model, positions, rotations))
+    n, which = np.nonzero(np.isfinite(result).all(axis=2))
+    position, turned, _ = gripper_batch(model)(result[n, which])
+    error = np.maximum(
+        np.abs(position - positions[n]).max(axis=1), np.abs(turned - rotations[n]).max(axis=(1, 2))
+    )
     wrong = error > CHECK_TOLERANCE
-    found[n[wrong], which[wrong]] = np.nan
-    found[~np.isfinite(found).all(axis=2)] = np.nan
-    return found
+    result[n[wrong], which[wrong]] = np.nan
+    result[~np.isfinite(result).all(axis=2)] = np.nan
+    return result
 
 
 def _all_branches(model: ArmModel, positions: np.ndarray, rotations: np.ndarray) -> np.ndarray:
@@ -120,8 +122,8 @@ def _all_branches(model: ArmModel, positions: np.ndarray, rotations: np.ndarray)
     R = rotations @ axes.zero_rotation.T
     p = positions - R @ axes.zero_position
     with np.errstate(invalid="ignore"):
-        found = np.stack(np.broadcast_arrays(*_SOLVERS[family](axes, R, p)), axis=-1).reshape(len(p), -1, 6)
-        return wrapped(found)
+        values = np.stack(np.broadcast_arrays(*_SOLVERS[family](axes, R, p)), axis=-1).reshape(len(p), -1, 6)
+        return wrapped(values)
 
 
 def _spherical_wrist(axes: _Axes, R: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -158,11 +160,11 @@ def _three_parallel(axes: _Axes, R: np.ndarray, p: np.ndarray) -> tuple[np.ndarr
     if beyond.any():
         n, i, j = np.nonzero(beyond)
         tries = np.linspace(-np.pi, np.pi, _TRIES, endpoint=False)
-        found = _parallel_axes(axes, rest[n, i], rest_p[n, i], t5[n, i, j, None], tries)  # (M, tries, 2)
-        first = np.argmax(np.isfinite(found[1]).any(axis=-1), axis=1)
+        result = _parallel_axes(axes, rest[n, i], rest_p[n, i], t5[n, i, j, None], tries)  # (M, tries, 2)
+        first = np.argmax(np.isfinite(result[1]).any(axis=-1), axis=1)
         t6[n, i, j] = tries[first]
-        for own, tried in zip((t2, t3, t4), found, strict=True):
-            own[n, i, j] = tried[np.arange(len(n)), first]
+        for theta, tried in zip((t2, t3, t4), result, strict=True):
+            theta[n, i, j] = tried[np.arange(len(n)), first]
     return t1[:, :, None, None], t2, t3, t4, t5[..., None], t6[..., None]
 
 

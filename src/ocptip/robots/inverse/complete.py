@@ -45,10 +45,10 @@ def all_solutions(arm: ArmModel, position: np.ndarray, rotation: np.ndarray) -> 
             break
     ends = ends / ends[:, _ONE:]
     real = ends[np.abs(ends.imag).max(axis=1, initial=0.0) < _REAL].real
-    found, around, _ = polished(np.real(forms), real)
-    found, kept, proved = found / found[:, _ONE:], [], 0
-    for k in distinct(found):
-        q = _joints(arm, found[k], position, rotation)
+    result, around, _ = polished(np.real(forms), real)
+    result, kept, proved = result / result[:, _ONE:], [], 0
+    for k in distinct(result):
+        q = _joints(arm, result[k], position, rotation)
         reached, turned = gripper_pose(arm, q)
         if max(np.abs(reached - position).max(), np.abs(turned - rotation).max()) < _NEAR:
             kept.append(q)
@@ -90,7 +90,7 @@ def _invariants(
     far: tuple[np.ndarray, np.ndarray],
     carried: tuple[np.ndarray, np.ndarray],
     fixed: tuple[np.ndarray, np.ndarray],
-    at: int,
+    column: int,
 ) -> np.ndarray:
     """Invariants of a line that two joints carry beside a fixed line, as upper parts of forms (4, 9, 9).
 
@@ -104,7 +104,7 @@ def _invariants(
     """
     (a, A), (b, B), (c, C), (z, p) = near, far, carried, fixed
     first, second = _turn(a), _turn(b)
-    i, j = [at, at + 1, _ONE], [at + 2, at + 3, _ONE]
+    i, j = [column, column + 1, _ONE], [column + 2, column + 3, _ONE]
     forms = np.zeros((4, 9, 9))
     h, k = B - A, C - B  # C = A + Ra (h + Rb k), c = Ra Rb c
     for u, Ra in zip(i, first, strict=True):
@@ -130,9 +130,9 @@ def _general() -> tuple[np.ndarray, np.ndarray]:
     """A random complex system with the monomials of all arms, and its finite solutions (P, 9)."""
     rng = np.random.default_rng(_SEED)
     forms = np.concatenate([_circles(), np.zeros((4, 9, 9))]).astype(complex)
-    for at in (0, 4):
-        own = [(u, v) for u in (at, at + 1, _ONE) for v in (at + 2, at + 3, _ONE)]
-        for u, v in own:
+    for first in (0, 4):
+        monomials = [(u, v) for u in (first, first + 1, _ONE) for v in (first + 2, first + 3, _ONE)]
+        for u, v in monomials:
             forms[4:, u, v] = forms[4:, v, u] = rng.normal(size=4) + 1j * rng.normal(size=4)
     order = [*range(1, 9), 0]  # the constant is first there
     known, starts = total_degree(9)
@@ -152,10 +152,10 @@ def _circles() -> np.ndarray:
     return forms
 
 
-def _joints(arm: ArmModel, found: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+def _joints(arm: ArmModel, result: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Joint angles (6,) of a solution; joints 3 and 6 from the directions that the others leave them."""
     q = np.zeros(6)
-    q[[0, 1, 3, 4]] = np.arctan2(found[1:8:2], found[0:8:2])
+    q[[0, 1, 3, 4]] = np.arctan2(result[1:8:2], result[0:8:2])
     axes, points = _lines(arm)
     at_zero, turned = gripper_pose(arm, np.zeros(6))
     R = [_rotation(axis, angle) for axis, angle in zip(axes, q, strict=True)]

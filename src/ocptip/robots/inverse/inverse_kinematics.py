@@ -136,20 +136,20 @@ def solve_inverse_kinematics(
                 f"method: 'complete' is for six independent joints that turn, not {model.name!r}"
             )
         used = method
-        found, proved, starts = all_solutions(model, goal, turn)
-        found = _polished(model, found, goal, turn)
+        result, proved, starts = all_solutions(model, goal, turn)
+        result = _polished(model, result, goal, turn)
     elif method == "search" or family is None:
         used = "search"
-        found, starts, iterations = _search(model, goal, turn, seed, _LEAST_DAMPING)
+        result, starts, iterations = _search(model, goal, turn, seed, _LEAST_DAMPING)
     else:
         used = "closed-form"
-        found = _polished(model, closed_form_branches(model, goal, turn), goal, turn)
-    if not len(found):
+        result = _polished(model, closed_form_branches(model, goal, turn), goal, turn)
+    if not len(result):
         used = "search"
-        found, starts, iterations = _nearest(model, goal, turn, seed)
-    copies = copies_within_limits(model, found, wanted)
+        result, starts, iterations = _nearest(model, goal, turn, seed)
+    copies = copies_within_limits(model, result, wanted)
     inside = np.isfinite(copies).all(axis=1)
-    copies = np.where(np.isfinite(copies), copies, nearest_copies(model, found, wanted))
+    copies = np.where(np.isfinite(copies), copies, nearest_copies(model, result, wanted))
     branches = copies[inside] if within_limits else copies
     if not len(branches):
         raise InputError(_limits_message(model, copies))
@@ -183,7 +183,7 @@ def _search(
     """
     random = np.random.default_rng(seed)
     inside, anywhere = search_box(model), search_box(model, limits=False)
-    found = np.empty((0, model.n))
+    values = np.empty((0, model.n))
     quiet = starts = iterations = 0
     for turn in range(_MAX_ROUNDS):
         # The first rounds start within the limits; later ones anywhere, to see what lies beyond.
@@ -192,12 +192,12 @@ def _search(
         solutions, steps = _solutions(model, first, position, rotation, damping)
         starts += len(first)
         iterations += steps
-        known = len(found)
-        found = distinct(model, found, solutions)
-        quiet = 0 if len(found) > known else quiet + 1
-        if quiet >= _QUIET_ROUNDS or len(found) >= _MAX_BRANCHES:
+        known = len(values)
+        values = distinct(model, values, solutions)
+        quiet = 0 if len(values) > known else quiet + 1
+        if quiet >= _QUIET_ROUNDS or len(values) >= _MAX_BRANCHES:
             break
-    return found, starts, iterations
+    return values, starts, iterations
 
 
 def _solutions(
@@ -226,10 +226,10 @@ def _polished(model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np
     return distinct(model, np.empty((0, model.n)), branches)
 
 
-def distinct(model: ArmModel, known: np.ndarray, found: np.ndarray) -> np.ndarray:
+def distinct(model: ArmModel, known: np.ndarray, outcome: np.ndarray) -> np.ndarray:
     """`known` (k, n) and after it the new ones of `found` (m, n), angles wrapped to (-pi, pi]."""
     result = list(known)
-    for q in once_around(model, found):
+    for q in once_around(model, outcome):
         if len(result) >= _MAX_BRANCHES:
             break
         if result:
@@ -288,11 +288,11 @@ def _limits_message(model: ArmModel, branches: np.ndarray) -> str:
     branch = int(np.argmin(excess.max(axis=1)))
     joint = int(np.argmax(excess[branch]))
     slides = model.prismatic[joint]
-    at, least, most = (
+    place, least, most = (
         f"{value:.4f}" if slides else f"{np.rad2deg(value):.2f}"
         for value in (branches[branch, joint], low[joint], high[joint])
     )
     return (
         f"pose: reachable only beyond joint limits ({len(branches)} IK solutions); the nearest needs "
-        f"{model.joint_names[joint]!r} at {at} {'m' if slides else 'degrees'}, limits {least} to {most}"
+        f"{model.joint_names[joint]!r} at {place} {'m' if slides else 'degrees'}, limits {least} to {most}"
     )

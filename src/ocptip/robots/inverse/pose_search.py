@@ -144,12 +144,12 @@ def pose_errors(
         position, rotation: (N, 3), m, and (N, 3, 3), or one pose for all.
         orientation, tool_axis: see `search`.
     """
-    at, turned, jacobian = gripper_batch(model)(q)
+    tcp_position, turned, jacobian = gripper_batch(model)(q)
     if orientation == "free":
-        return position - at, jacobian[:, :3]
+        return position - tcp_position, jacobian[:, :3]
     if orientation == "full":
         turn = rotations().from_matrix(rotation @ turned.transpose(0, 2, 1)).as_rotvec()
-        return np.hstack([position - at, turn]), jacobian
+        return np.hstack([position - tcp_position, turn]), jacobian
     have, want = np.broadcast_arrays(turned @ tool_axis, rotation @ tool_axis)
     across = cross(have, want)
     sine, cosine = np.linalg.norm(across, axis=1), np.sum(have * want, axis=1)
@@ -159,7 +159,7 @@ def pose_errors(
     turn = np.arctan2(sine, cosine)[:, None] * np.where((sine > 1e-9) | (cosine < 0), 1.0, 0.0)[:, None]
     result = jacobian.copy()
     result[:, 3:] -= have[:, :, None] * np.einsum("ni,nij->nj", have, result[:, 3:])[:, None]
-    return np.hstack([position - at, turn * direction]), result
+    return np.hstack([position - tcp_position, turn * direction]), result
 
 
 def reached(error: np.ndarray, jacobian: np.ndarray, exactly: float) -> np.ndarray:

@@ -94,8 +94,8 @@ class PoseTarget:
         settle(self, tool_axis=axis)
         if not self.symmetric_about:
             return
-        own = np.eye(3)[AXES.index(self.symmetric_about)]
-        meant = ("full", axis) if self.fold else ("axis", own)
+        free_axis = np.eye(3)[AXES.index(self.symmetric_about)]
+        meant = ("full", axis) if self.fold else ("axis", free_axis)
         if self.orientation not in ("full", meant[0]):
             raise InputError(
                 f"orientation: {self.orientation!r} contradicts symmetric_about; give one of the two"
@@ -132,22 +132,22 @@ class PoseTarget:
             InputError: out of reach, as `solve_inverse_kinematics` says.
         """
         searched = self.orientation == "free" or (self.turns_freely and closed_form_family(arm) is None)
-        found = self._searched(arm, seed) if searched else self._solved(arm, seed)
-        exact = self.residuals(arm, found) <= SINGULAR_TOLERANCE
-        return found[exact] if exact.any() else found
+        result = self._searched(arm, seed) if searched else self._solved(arm, seed)
+        exact = self.residuals(arm, result) <= SINGULAR_TOLERANCE
+        return result[exact] if exact.any() else result
 
     def _solved(self, arm: ArmModel, seed: int) -> np.ndarray:
         """Postures by inverse kinematics for each of the rotations."""
-        found, refusal = [], None
+        results, refusal = [], None
         for turn in self._rotations:
             try:
-                found.append(solve_inverse_kinematics(arm, self.position, turn, seed=seed).branches)
+                results.append(solve_inverse_kinematics(arm, self.position, turn, seed=seed).branches)
             except InputError as error:
                 refusal = refusal or error
-        if not found:
+        if not results:
             assert refusal is not None
             raise refusal
-        return np.vstack(found)
+        return np.vstack(results)
 
     def _searched(self, arm: ArmModel, seed: int) -> np.ndarray:
         """Postures by iteration from random ones."""
@@ -186,7 +186,7 @@ class PoseTarget:
 
     def reached(self, arm: ArmModel, q: np.ndarray, exactly: float) -> np.ndarray:
         """(N,) Whether q (N, n), rad, are postures of this pose, see `pose_search.reached`."""
-        return np.any([reached(*found, exactly) for found in self._errors(arm, q)], axis=0)
+        return np.any([reached(*result, exactly) for result in self._errors(arm, q)], axis=0)
 
     def _errors(self, arm: ArmModel, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """`pose_errors` for each of the rotations that are as good as the one given."""

@@ -109,9 +109,9 @@ def _of_chain(file: UrdfFile, arm: ArmModel, key: str) -> np.ndarray:
     values = np.array([getattr(file.joints[name], key) for name in arm.chain_names])
     if arm.coupling is None:
         return values
-    found = np.full(arm.n, np.inf)
-    np.minimum.at(found, arm.coupling.leaders, values / np.abs(arm.coupling.ratios))
-    return found
+    scalars = np.full(arm.n, np.inf)
+    np.minimum.at(scalars, arm.coupling.leaders, values / np.abs(arm.coupling.ratios))
+    return scalars
 
 
 def arm_from_pinocchio(
@@ -179,7 +179,7 @@ class Mimics:
 
 def _mimics(file: UrdfFile, robot: PinocchioModel, locked: Mapping[str, float], way: Sequence[str]) -> Mimics:
     """What becomes of all joints that mimic others and are not locked; `way`: between base and tool."""
-    found = Mimics()
+    mimics = Mimics()
     for joint in file.joints.values():
         if not joint.mimics or joint.name in locked:
             continue
@@ -200,11 +200,11 @@ def _mimics(file: UrdfFile, robot: PinocchioModel, locked: Mapping[str, float], 
                     "moves; only couplings within the chain are modelled: lock one of the two (locked_deg, "
                     f"locked_m), or take a tool_frame before it, such as {file.joints[leader.name].parent!r}"
                 )
-            found.coupled[joint.name] = leader.name, ratio, offset
+            mimics.coupled[joint.name] = leader.name, ratio, offset
             continue
-        at = locked.get(leader.name, 0.0 if fixed else _nearest_to_zero(robot, number))
-        (found.locked if joint.name in way else found.resting)[joint.name] = offset + ratio * at
-    return found
+        position = locked.get(leader.name, 0.0 if fixed else _nearest_to_zero(robot, number))
+        (mimics.locked if joint.name in way else mimics.resting)[joint.name] = offset + ratio * position
+    return mimics
 
 
 def _links(robot: PinocchioModel) -> list[list[str]]:

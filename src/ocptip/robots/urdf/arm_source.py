@@ -70,12 +70,12 @@ def base_of(
         InputError: one is missing and no link that rests has a mass, or such links have more mass.
     """
     if mass is None or center_of_mass is None:
-        found, centre, _ = _resting_links(source, arm)
-        if not found:
+        result, centre, _ = _resting_links(source, arm)
+        if not result:
             name = "base_mass" if mass is None else "base_com"
             raise InputError(f"{name}: missing; the links of the arm's file that rest have no mass")
         turn = np.eye(3) if mount_rotation is None else rotation_matrix("mount_rotation", mount_rotation)
-        mass = found if mass is None else mass
+        mass = result if mass is None else mass
         center_of_mass = np.add(mount_position, turn @ centre) if center_of_mass is None else center_of_mass
     if reason := too_light(mass, arm.base_mass):
         raise InputError(f"base_mass: {reason}")

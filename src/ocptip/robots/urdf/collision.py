@@ -70,7 +70,7 @@ def geometry_from_urdf(
     meshes = collision_meshes(file, package_dirs)
     if meshes is None:
         return None
-    if missing := [name for name, found in meshes.items() if found is None]:
+    if missing := [name for name, result in meshes.items() if result is None]:
         hint = f"package_dirs has to name a folder that contains {package_folder(missing)}"
         if not any(name.startswith(PACKAGE) for name in missing):
             hint = f"names are relative to {file.name}"
@@ -92,8 +92,8 @@ def geometry_from_urdf(
         shapes += [BodyShape(item.name, item.body, s.placed(item.rotation, item.position)) for s in solids]
     files = tuple(item.mesh for item in raw if item.mesh is not None)
     source = f"collision geometry of {file.name}"
-    found = ArmGeometry(tuple(shapes), _disabled(srdf), source, meshes=files)
-    return replace(found, on_meshes=touches_on_meshes(arm, found, raw))
+    result = ArmGeometry(tuple(shapes), _disabled(srdf), source, meshes=files)
+    return replace(result, on_meshes=touches_on_meshes(arm, result, raw))
 
 
 def _pinocchio_geometry(file: Path, robot: PinocchioModel, tree: ET.Element) -> Any:
@@ -134,16 +134,16 @@ def outlines_of_links(
             link.remove(item)
         for item in solids if name in links else ():
             item.tag, mesh = "collision", item.find("geometry/mesh")
-            found = None if mesh is None else find_mesh(mesh.get("filename", ""), file, folders)
-            if mesh is not None and found is not None:
-                mesh.set("filename", str(found))
-            if mesh is None or found is not None:
+            result = None if mesh is None else find_mesh(mesh.get("filename", ""), file, folders)
+            if mesh is not None and result is not None:
+                mesh.set("filename", str(result))
+            if mesh is None or result is not None:
                 link.append(item)
     robot, points = pinocchio_model(file), dict[str, list[np.ndarray]]()
     for item in _raw(robot, _pinocchio_geometry(file, robot, tree), arm):
         turn = arm.mount_rotation @ item.rotation
-        at = arm.mount_position + arm.mount_rotation @ item.position
-        points.setdefault(item.name, []).append(at + _lowest(item.geometry, turn.T[:, 2]) @ turn.T)
+        position = arm.mount_position + arm.mount_rotation @ item.position
+        points.setdefault(item.name, []).append(position + _lowest(item.geometry, turn.T[:, 2]) @ turn.T)
     return {name: np.vstack(parts) for name, parts in points.items()}
 
 
@@ -196,7 +196,7 @@ def missing_meshes(
 ) -> list[str] | None:
     """Names of :func:`collision_meshes` whose files are missing; None: there is no collision geometry."""
     meshes = collision_meshes(path, package_dirs)
-    return None if meshes is None else [name for name, found in meshes.items() if found is None]
+    return None if meshes is None else [name for name, mesh in meshes.items() if mesh is None]
 
 
 def find_mesh(name: str, urdf: Path, folders: Iterable[Path]) -> Path | None:
@@ -207,9 +207,9 @@ def find_mesh(name: str, urdf: Path, folders: Iterable[Path]) -> Path | None:
     if name.startswith(PACKAGE):
         folders = list(folders)
         rest = Path(name.removeprefix(PACKAGE).lstrip("/"))  # some files write package:///
-        own = rest.parts[0] if rest.parts else ""
+        part = rest.parts[0] if rest.parts else ""
         candidates = [folder / rest for folder in folders]
-        candidates += [folder / Path(*rest.parts[1:]) for folder in folders if folder.name == own]
+        candidates += [folder / Path(*rest.parts[1:]) for folder in folders if folder.name == part]
         ends = [Path(*rest.parts[k:]) for k in range(1, len(rest.parts) - 1)]
         candidates += [folder / end for end in ends for folder in folders]
     else:

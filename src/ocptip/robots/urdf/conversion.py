@@ -57,11 +57,11 @@ def converted(path: Path, folder: Path, arguments: Sequence[str] = ()) -> Conver
     if path.suffix == ".xacro":
         text = _expanded(path, arguments)
         names = {mesh.get("filename", "") for mesh in parse_xml(text).iterfind(".//geometry/mesh")}
-        folders, found = mesh_folders(path, ()), {}
+        folders, table = mesh_folders(path, ()), {}
         for name in names:
             if (mesh := find_mesh(name, path, folders)) is not None:
-                found[name] = Path(os.path.relpath(mesh, folder.resolve())).as_posix()
-        return Converted({target: with_files(text, found)})
+                table[name] = Path(os.path.relpath(mesh, folder.resolve())).as_posix()
+        return Converted({target: with_files(text, table)})
     if path.suffix == ".xml" and is_mjcf(read_xml_text(path)):
         return _of_mujoco(path, target)
     return None
@@ -175,7 +175,7 @@ def _placed(position: np.ndarray, quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) 
 def _origin(place: Any) -> str:
     """The <origin> of a pose."""
     values = place.translation, load_pinocchio().rpy.matrixToRpy(place.rotation)
-    return '<origin xyz="{}" rpy="{}"/>'.format(*(" ".join(f"{x:.17g}" for x in own) for own in values))
+    return '<origin xyz="{}" rpy="{}"/>'.format(*(" ".join(f"{x:.17g}" for x in value) for value in values))
 
 
 def _joint(name: str, kind: str, parent: str, child: str, place: Any, more: str) -> str:
@@ -200,15 +200,15 @@ def _limits(model: Any, j: int, kind: str, efforts: np.ndarray) -> str:
 
 def _efforts(mujoco: Any, model: Any) -> np.ndarray:
     """(njnt,) N m or N that the actuators of each joint have; infinite: not limited."""
-    found = np.full(model.njnt, np.inf)
+    scalars = np.full(model.njnt, np.inf)
     for j in np.flatnonzero(model.jnt_actfrclimited):
-        found[j] = np.abs(model.jnt_actfrcrange[j]).max()
+        scalars[j] = np.abs(model.jnt_actfrcrange[j]).max()
     of_joints = model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT
     for a in np.flatnonzero(of_joints & (model.actuator_forcelimited > 0)):
         j = model.actuator_trnid[a, 0]
         force = np.abs(model.actuator_forcerange[a]).max() * abs(model.actuator_gear[a, 0])
-        found[j] = min(found[j], force)
-    return found
+        scalars[j] = min(scalars[j], force)
+    return scalars
 
 
 def _solids(mujoco: Any, model: Any, g: int, target: Path, meshes: dict[Path, str]) -> Iterator[str]:

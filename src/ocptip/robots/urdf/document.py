@@ -107,31 +107,31 @@ def xml_of(file: Path) -> tuple[ElementTree.Element, str]:
 
 def _open_capsules(root: ElementTree.Element) -> bool:
     """Replace capsules by their parts in place; whether there are any. Those without numbers stay."""
-    found = False
+    result = False
     for link, tag in product(root.findall("link"), ("collision", "visual")):
         for element in link.findall(tag):
             capsule, origin = element.find("geometry/capsule"), element.find("origin")
             size = " ".join("" if capsule is None else capsule.get(key, "") for key in ("radius", "length"))
-            own = {"xyz": "0 0 0", "rpy": "0 0 0"} | ({} if origin is None else origin.attrib)
-            numbers = _are_numbers(size, 2) and all(_are_numbers(own[key], 3) for key in ("xyz", "rpy"))
+            placing = {"xyz": "0 0 0", "rpy": "0 0 0"} | ({} if origin is None else origin.attrib)
+            numbers = _are_numbers(size, 2) and all(_are_numbers(placing[key], 3) for key in ("xyz", "rpy"))
             if capsule is None or not numbers:
                 continue
             radius, length = map(float, size.split())
-            (x, y, z), (roll, pitch, yaw) = (map(float, own[key].split()) for key in ("xyz", "rpy"))
+            (x, y, z), (roll, pitch, yaw) = (map(float, placing[key].split()) for key in ("xyz", "rpy"))
             along = (
                 math.cos(yaw) * math.sin(pitch) * math.cos(roll) + math.sin(yaw) * math.sin(roll),
                 math.sin(yaw) * math.sin(pitch) * math.cos(roll) - math.cos(yaw) * math.sin(roll),
                 math.cos(pitch) * math.cos(roll),
             )
             for side in (-0.5, 0.5):
-                end = [at + side * length * part for at, part in zip((x, y, z), along, strict=True)]
+                end = [index + side * length * part for index, part in zip((x, y, z), along, strict=True)]
                 ball = ElementTree.SubElement(link, tag)
                 ElementTree.SubElement(ball, "origin", xyz=" ".join(map(repr, end)))
                 ElementTree.SubElement(
                     ElementTree.SubElement(ball, "geometry"), "sphere", radius=f"{radius!r}"
                 )
-            capsule.tag, found = "cylinder", True
-    return found
+            capsule.tag, result = "cylinder", True
+    return result
 
 
 def is_mjcf(text: str) -> bool:
@@ -231,15 +231,15 @@ def _tree(root: ElementTree.Element) -> Iterator[str]:
 
 def _loops(above: Mapping[str, list[str]], root: str) -> Iterator[str]:
     for link in above:
-        seen, at = {link}, link
-        while at != root and at in above:
-            at = above[at][0]
-            if at == link:
+        seen, current = {link}, link
+        while current != root and current in above:
+            current = above[current][0]
+            if current == link:
                 yield f"link {link!r} is an ancestor of itself; a URDF is a tree"
                 return
-            if at in seen:
+            if current in seen:
                 break
-            seen.add(at)
+            seen.add(current)
 
 
 def _joint_complaints(element: ElementTree.Element, links: list[str]) -> Iterator[str]:

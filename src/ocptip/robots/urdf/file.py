@@ -111,11 +111,11 @@ class UrdfFile:
 
     def way(self, link: str) -> list[UrdfJoint]:
         """Joints from the root to a link."""
-        found: list[UrdfJoint] = []
+        urdf_joints: list[UrdfJoint] = []
         while link in self.above:
-            found.insert(0, self.above[link])
-            link = found[0].parent
-        return found
+            urdf_joints.insert(0, self.above[link])
+            link = urdf_joints[0].parent
+        return urdf_joints
 
     def leader(self, joint: UrdfJoint, locked: Container[str]) -> tuple[UrdfJoint | None, float, float]:
         """The joint that one follows in the end, ratio and offset (rad or m); none if there is no such joint.
@@ -124,16 +124,16 @@ class UrdfFile:
         """
         ratio, offset, seen = 1.0, 0.0, set()
         while joint.mimics and joint.name not in locked:
-            master, own, shift = joint.mimics
+            master, multiplier, shift = joint.mimics
             if joint.name in seen or master not in self.joints:
                 return None, ratio, offset
             seen.add(joint.name)
-            ratio, offset, joint = ratio * own, offset + ratio * shift, self.joints[master]
+            ratio, offset, joint = ratio * multiplier, offset + ratio * shift, self.joints[master]
         return joint, ratio, offset
 
     def with_followers(self, follows: Mapping[str, tuple[str, float, float]]) -> UrdfFile:
         """This file with further joints that mimic others: name to leading joint, ratio and offset."""
-        mimics = {name: replace(self.joints[name], mimics=own) for name, own in follows.items()}
+        mimics = {name: replace(self.joints[name], mimics=follow) for name, follow in follows.items()}
         return replace(self, joints={**self.joints, **mimics}) if mimics else self
 
     def ends(self, base: str) -> list[str]:
@@ -156,7 +156,7 @@ class UrdfFile:
                 after[joint.parent] = max(after.get(joint.parent, 0), count)
         for joint in self.joints.values():
             forks[joint.parent] += joint.kind != "fixed" or after.get(joint.child, 0) > 0
-        found = []
+        results = []
         for end in ends:
             way, before = self.way(end), 0
             way = way[next(k for k, joint in enumerate(way) if joint.parent == base) :]
@@ -167,8 +167,8 @@ class UrdfFile:
                 if forks[joint.child] > 1 and before >= _HAND * after[joint.child] and before < total:
                     hand = joint.child
                     break
-            found.append(hand)
-        return list(dict.fromkeys(found))
+            results.append(hand)
+        return list(dict.fromkeys(results))
 
     def _moves(self, base: str, link: str) -> bool:
         way = self.way(link)
@@ -199,11 +199,11 @@ class UrdfFile:
             return self._known("tool_frame", name, ends)
         behind = [link for link in self.links if self._moves(base, link)]
         for tool in TOOLS:
-            found = [k for k in behind if k.lower() == tool or k.lower().endswith(("_" + tool, "-" + tool))]
-            if len(found) == 1:
-                return found[0]
-            if found:
-                raise InputError(f"tool_frame: is missing, candidates: {some(found, _LISTED)}")
+            results = [k for k in behind if k.lower() == tool or k.lower().endswith(("_" + tool, "-" + tool))]
+            if len(results) == 1:
+                return results[0]
+            if results:
+                raise InputError(f"tool_frame: is missing, candidates: {some(results, _LISTED)}")
         if len(ends) == 1:
             return ends[0]
         if not ends:
@@ -229,7 +229,7 @@ class UrdfFile:
         Raises:
             InputError: no joint of this kind has such a name.
         """
-        found: dict[str, float] = {}
+        table: dict[str, float] = {}
         for pattern in sorted(wanted, key=lambda key: key in self.joints):
             named = [joint for joint in self.joints.values() if fnmatchcase(joint.name, pattern)]
             fitting = [joint.name for joint in named if joint.kind != "fixed" and joint.slides == slides]
@@ -244,8 +244,8 @@ class UrdfFile:
                 raise InputError(
                     f"no joint {pattern!r}; there are {listed}{did_you_mean(pattern, known)}", ""
                 )
-            found |= dict.fromkeys(fitting, wanted[pattern])
-        return found
+            table |= dict.fromkeys(fitting, wanted[pattern])
+        return table
 
 
 def read_urdf(path: str | os.PathLike[str]) -> UrdfFile:
@@ -271,8 +271,8 @@ def read_urdf(path: str | os.PathLike[str]) -> UrdfFile:
 def with_files(text: str, names: Mapping[str, str]) -> str:
     """The text of a URDF with other names of files (meshes), by their old ones; all else stays as it is."""
 
-    def put(found: re.Match[str]) -> str:
-        name = names.get(html.unescape(found[3]))
-        return found[0] if name is None else f'{found[1]}"{html.escape(name)}"'
+    def put(match: re.Match[str]) -> str:
+        name = names.get(html.unescape(match[3]))
+        return match[0] if name is None else f'{match[1]}"{html.escape(name)}"'
 
     return _FILENAME.sub(put, text)

@@ -105,10 +105,10 @@ class _Wheel:
     def contact(self, *, driven: bool) -> GroundContact:
         """Below the middle of the axle; without one in the middle of the lowest points."""
         lowest = self.points[self.points[:, 2] < self.low + _BELOW]
-        at, about = 0.5 * (lowest.min(axis=0) + lowest.max(axis=0)), ""
+        point, about = 0.5 * (lowest.min(axis=0) + lowest.max(axis=0)), ""
         if self.axle is not None:
             along = self.axle[:2] / np.linalg.norm(self.axle[:2])
-            at[:2] = self.origin[:2] + along * (along @ (at[:2] - self.origin[:2]))
+            point[:2] = self.origin[:2] + along * (along @ (point[:2] - self.origin[:2]))
             direction = ", ".join(f"{value:.3g}" for value in self.axle.round(3) + 0.0)
             about = f", radius {self.origin[2] - self.low:.4g} m, axle ({direction})"
             if (width := np.ptp(lowest @ self.axle)) > 0:
@@ -116,7 +116,7 @@ class _Wheel:
         kind, why = ("wheel", "") if driven or not self.caster else ("caster", f" {self.caster}")
         fixed = f", on {self.rocker}, which counts as fixed" if self.rocker else ""
         reason = f"{self.name}: {kind}{why}{about}{fixed}"
-        return GroundContact(kind, np.array([*at[:2], self.low]), reason, self.rocker)
+        return GroundContact(kind, np.array([*point[:2], self.low]), reason, self.rocker)
 
 
 def ground_contacts(file: UrdfFile, arm: ArmModel, centre: np.ndarray) -> list[GroundContact]:
@@ -150,8 +150,8 @@ def ground_contacts(file: UrdfFile, arm: ArmModel, centre: np.ndarray) -> list[G
     ground = min(wheel.low for wheel in wheels)
     touching = [wheel for wheel in wheels if wheel.low < ground + _LEVEL]
     driven = all(wheel.caster for wheel in touching)
-    found = [contact for rocking in _by_rocker(touching) for contact in _contacts_of(rocking, driven)]
-    if inside(np.array([contact.position for contact in found]), centre[None])[0] < _INSIDE:
+    results = [contact for rocking in _by_rocker(touching) for contact in _contacts_of(rocking, driven)]
+    if inside(np.array([contact.position for contact in results]), centre[None])[0] < _INSIDE:
         names = {wheel.name for wheel in wheels}
         others = {link: points for link, points in outlines.items() if link not in names}
         if not others:
@@ -160,8 +160,8 @@ def ground_contacts(file: UrdfFile, arm: ArmModel, centre: np.ndarray) -> list[G
         for contact in _lowest_points(others, 0.0):
             above = f"{1e3 * (contact.position[2] - ground):.0f} mm above that of the wheels"
             reason = f"{contact.reason}, {above}, for the wheels alone do not carry the base"
-            found.append(GroundContact("caster", np.array([*contact.position[:2], ground]), reason))
-    return found
+            results.append(GroundContact("caster", np.array([*contact.position[:2], ground]), reason))
+    return results
 
 
 def _by_rocker(wheels: Sequence[_Wheel]) -> list[list[_Wheel]]:

@@ -79,12 +79,12 @@ def _numbers(joint: Any, key: str, where: str) -> dict[str, float]:
         raise InputError(f"{where}.has_{key}_limits: expected true or false, got {has!r}")
     if not has:
         return {}
-    found = {name: number_from(f"{where}.{name}", joint[name]) for name in _LIMITS[key] if name in joint}
-    if not found:
+    numbers = {name: number_from(f"{where}.{name}", joint[name]) for name in _LIMITS[key] if name in joint}
+    if not numbers:
         raise InputError(
             f"{where}: has_{key}_limits is true, but there is no {' and no '.join(_LIMITS[key])}"
         )
-    return found
+    return numbers
 
 
 def named_states(path: str | os.PathLike[str]) -> dict[str, dict[str, float]]:

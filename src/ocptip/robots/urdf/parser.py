@@ -82,5 +82,5 @@ def printed() -> Iterator[list[str]]:
             if target is not None:
                 target.seek(0)
                 text = _PLACE.sub("", target.read().decode("utf-8", "replace"))
-                found = [re.sub(r"^(Error|Warning):\s*", "", line).strip() for line in text.splitlines()]
-                lines += dict.fromkeys(line for line in found if line)
+                results = [re.sub(r"^(Error|Warning):\s*", "", line).strip() for line in text.splitlines()]
+                lines += dict.fromkeys(line for line in results if line)

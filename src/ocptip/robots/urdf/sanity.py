@@ -56,18 +56,18 @@ def refuse_impossible_links(
             f"accept_inertia: no moving link {name!r}; there are {', '.join(known)}"
             f"{did_you_mean(name, known)}"
         )
-    found = {}
+    table = {}
     for names, mass, inertia in zip(links, arm.masses, arm.inertias, strict=True):
         reason = _why_not(mass, inertia)
         if reason and not chosen & set(names):
-            found[names[0]] = reason
-    if len(found) == arm.n and not arm.masses.any():
+            table[names[0]] = reason
+    if len(table) == arm.n and not arm.masses.any():
         raise InputError(
             "no link that moves has a mass: a model for display, not for planning; give its links "
             "<inertial> with mass and moments of inertia"
         )
-    if found:
-        raise ImpossibleLinksError(found)
+    if table:
+        raise ImpossibleLinksError(table)
 
 
 def _why_not(mass: float, inertia: np.ndarray) -> str:

@@ -217,14 +217,14 @@ def worst_states(robot: Robot, states: np.ndarray, manoeuvres: Manoeuvres, inter
     facets, normals = footing.slip.half_spaces(1.0), equal_normal_map(footing.support)
     slopes, offsets = footing.tip_over.affine_moments or (np.empty((0, 6)), np.empty(0))
     rows = [slopes, None if facets is None else -facets, normals]
-    found = np.full((3, size), LARGEST)
-    for k, own in enumerate(rows):
-        for number, row in enumerate(() if own is None else own):
+    scalars = np.full((3, size), LARGEST)
+    for k, line in enumerate(rows):
+        for number, row in enumerate(() if line is None else line):
             coefficients = polynomials @ row
             coefficients[:, 0] += offsets[number] if k == 0 else 0.0
-            found[k] = np.minimum(found[k], first_zero(coefficients))
-    worst = np.argmin(found.reshape(3, families, count), axis=2)
-    known = np.array([own is not None for own in rows])
+            scalars[k] = np.minimum(scalars[k], first_zero(coefficients))
+    worst = np.argmin(scalars.reshape(3, families, count), axis=2)
+    known = np.array([line is not None for line in rows])
     return np.where(known[:, None], worst, worst[0]).T
 
 
@@ -267,9 +267,9 @@ class _ManoeuvreSearch:
 
     def polynomials(self, which: np.ndarray, off: np.ndarray, scale: np.ndarray) -> np.ndarray:
         """(R, 3, 6): coefficients of the wrenches over x, from values at 0, scale and 2 scale."""
-        at = [self._wrenches(which, k * scale, off) for k in range(3)]
-        bend = (at[2] - 2 * at[1] + at[0]) / 2
-        parts = at[0], (at[1] - at[0] - bend) / scale[:, None], bend / scale[:, None] ** 2
+        values = [self._wrenches(which, k * scale, off) for k in range(3)]
+        bend = (values[2] - 2 * values[1] + values[0]) / 2
+        parts = values[0], (values[1] - values[0] - bend) / scale[:, None], bend / scale[:, None] ** 2
         return np.stack(parts, axis=1)
 
     # --- tip-over -----------------------------------------------------------------------------------------
@@ -285,7 +285,7 @@ class _ManoeuvreSearch:
         affine = tip_over.affine_moments
         assert affine is not None  # the contacts lie on one plane
         least, first = self._first(*affine, self._cases.reference)
-        pairs = np.array([sorted(k + 1 for k in own.contacts) for own in tip_over.axes])
+        pairs = np.array([sorted(k + 1 for k in axis.contacts) for axis in tip_over.axes])
         return least, np.where(least[:, None] < LARGEST, pairs[first], 0)
 
     def lift(self, tip: np.ndarray) -> np.ndarray:
@@ -315,8 +315,8 @@ class _ManoeuvreSearch:
             coefficients = np.einsum("rkw,rw->rk", polynomials, slopes[row[todo]])
             coefficients[:, 0] += offsets[row[todo]]
             bounds[todo] = np.minimum(first_zero(coefficients), bounds[todo])
-            own = slopes[row[todo]], offsets[row[todo]]
-            worst, off[todo] = self._worst_values(which[todo], *own, bounds[todo])
+            slopes_here = slopes[row[todo]], offsets[row[todo]]
+            worst, off[todo] = self._worst_values(which[todo], *slopes_here, bounds[todo])
             todo = todo[(worst < -_CLOSE * unit) & (bounds[todo] > 0)]
             if not len(todo):
                 break
@@ -330,7 +330,7 @@ class _ManoeuvreSearch:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Minima (R,) of affine functions of the wrench and their deviations (R, size), up to bounds."""
         shares = self._shares
-        many, a, more = (np.repeat(own, len(shares), axis=0) for own in (which, slopes, offsets))
+        many, a, more = (np.repeat(part, len(shares), axis=0) for part in (which, slopes, offsets))
         cases, s = self._moving(many, (bounds[:, None] * shares).ravel())
         worst = cases.least(s, lambda w: (np.einsum("rw,rw->r", a, w) + more, a))
         values = worst.values.reshape(len(which), -1)
@@ -347,23 +347,29 @@ class _ManoeuvreSearch:
             most: (P,).
             first: (P, 6) normals of half spaces, for which the first deviations are the worst.
         """
-        rays, found, todo = LoadRays(self._cases.footing.support), most.copy(), np.arange(len(most))
+        rays, values, todo = LoadRays(self._cases.footing.support), most.copy(), np.arange(len(most))
         off, held = np.zeros((len(most), self.deviations.size)), {}
         if first is not None:
             off = self._worst_for(todo, most, off, first)[0]
         limits, stays = np.zeros((len(most), 6)), np.zeros(len(most), dtype=int)
         for _ in range(_ROUNDS):
-            polynomials = self.polynomials(todo, off[todo], np.maximum(found[todo], _STEP) / 2)
-            slips = [self._slips(rays, own, found[k], held) for k, own in zip(todo, polynomials, strict=True)]
-            x, normals = np.array([own for own, _ in slips]), np.array([own for _, own in slips])
+            polynomials = self.polynomials(todo, off[todo], np.maximum(values[todo], _STEP) / 2)
+            slips = [
+                self._slips(rays, polynomial, values[k], held)
+                for k, polynomial in zip(todo, polynomials, strict=True)
+            ]
+            x, normals = (
+                np.array([polynomial for polynomial, _ in slips]),
+                np.array([polynomial for _, polynomial in slips]),
+            )
             off[todo], gain = self._worst_for(todo, x, off[todo], normals)
-            stays[todo] = np.where(x < found[todo] * (1 - _CLOSE), 0, stays[todo] + 1)
-            found[todo], limits[todo] = x, normals
+            stays[todo] = np.where(x < values[todo] * (1 - _CLOSE), 0, stays[todo] + 1)
+            values[todo], limits[todo] = x, normals
             todo = todo[(x > 0) & (gain > _CLOSE) & (stays[todo] < _STAYS)]
             if not len(todo):
                 break
         _require_settled(todo)
-        return found, limits
+        return values, limits
 
     def _slips(
         self,

@@ -162,8 +162,8 @@ class _PayloadSearch:
         support, arm = self.robot.support, self.robot.arm
         gravity, about = support.gravity, support.center_of_mass
         empty, held = (
-            self.robot.pushed(own, q, still, still, None, gravity=gravity, about=about)
-            for own in (arm.with_payload(None), arm)
+            self.robot.pushed(pair, q, still, still, None, gravity=gravity, about=about)
+            for pair in (arm.with_payload(None), arm)
         )
         self._wrench = empty.wrench + support.weight, held.wrench - empty.wrench
         self._torque = empty.torque, held.torque - empty.torque
@@ -174,7 +174,7 @@ class _PayloadSearch:
         self._reference = np.array([reference - slope, slope])
 
         pairs = [sorted({k + 1 for k in axis.contacts}) for axis in self.robot.tip_over.axes]
-        tips = [f"tipping about {' and '.join(map(str, own))}" for own in pairs]
+        tips = [f"tipping about {' and '.join(map(str, pair))}" for pair in pairs]
         torques = [f"torque of {name}" for name in self.robot.names]
         self.names = (*tips, "friction", *torques, LARGEST_TRIED)
         self._axes = len(tips)
@@ -278,12 +278,13 @@ class _PayloadSearch:
     @cached_property
     def _safe(self) -> np.ndarray:
         """(size,) factors of the changes by deviations, so that their sum covers products of deviations."""
-        own, deviations = self.tolerance, self._cases.deviations
-        base = max(np.abs(np.array(own.masses(self.robot.support.mass)) / self.robot.support.mass - 1))
+        tolerance, deviations = self.tolerance, self._cases.deviations
+        base = max(np.abs(np.array(tolerance.masses(self.robot.support.mass)) / self.robot.support.mass - 1))
         factors = np.full(
-            deviations.size, 1 + _PRODUCTS * (own.tilt + own.arm_mass + own.payload_mass + base)
+            deviations.size,
+            1 + _PRODUCTS * (tolerance.tilt + tolerance.arm_mass + tolerance.payload_mass + base),
         )
-        for name in ("push", *(() if any(own.center_of_mass) else ("base_push",))):
+        for name in ("push", *(() if any(tolerance.center_of_mass) else ("base_push",))):
             factors[deviations.places.get(name, slice(0, 0))] = 1.0  # these multiply nothing
         return factors
 
@@ -292,9 +293,9 @@ class _PayloadSearch:
     ) -> np.ndarray:
         """(k,) change of functionals with slopes (k, 6) per kg of nominal payload, at these deviations."""
         deviations = loaded.deviations
-        at = deviations.places["payload_mass"].start
+        start = deviations.places["payload_mass"].start
         more = theta.copy()
-        more[:, at] += 1.0
+        more[:, start] += 1.0
         s = self._s[rows]
         per_kg = deviations.wrench(s, more)[0] - deviations.wrench(s, theta)[0]
         change = np.einsum("nw,nw->n", slopes, per_kg)
@@ -332,7 +333,7 @@ class _PayloadSearch:
             return
         affine = cases.footing.tip_over.affine_moments
         if affine is not None and len(facets):
-            unit = [own / np.linalg.norm(own, axis=1, keepdims=True) for own in (facets, -affine[0])]
+            unit = [normal / np.linalg.norm(normal, axis=1, keepdims=True) for normal in (facets, -affine[0])]
             facets = facets[np.max(unit[0] @ unit[1].T, axis=1) < 1 - _SAME]  # tipping has its own limit
         name = np.full(len(facets), self._axes)
         if not cases.deviations.tolerance.given:
@@ -404,9 +405,9 @@ class _PayloadSearch:
         def excess(rows: np.ndarray, masses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             q, still = self.q[rows], np.zeros((len(rows), self.q.shape[1]))
             none = np.empty((len(rows), 0))
-            found = maximum_torques(self.robot, self.tolerance, q, still, still, none, masses) / allowed - 1
-            j = np.argmax(found, axis=1)
-            return found[np.arange(len(rows)), j], self._axes + 1 + j
+            result = maximum_torques(self.robot, self.tolerance, q, still, still, none, masses) / allowed - 1
+            j = np.argmax(result, axis=1)
+            return result[np.arange(len(rows)), j], self._axes + 1 + j
 
         rows = np.arange(len(self.q))
         above = excess(rows, self.masses)[0]

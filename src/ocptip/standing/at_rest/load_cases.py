@@ -177,12 +177,12 @@ def load_cases(robot: Robot, asked: LoadCaseGrid) -> list[LoadCase]:
     Raises:
         InputError: a pose does not fit the arm, or a number is not finite.
     """
-    found = []
+    results = []
     for name, angles in asked.poses.items():
         loads = _in_pose(robot, finite_array(name, angles, (robot.n,)), asked.acting.get(name))
         for payload, tilt, push in product(asked.payloads, asked.tilts, asked.pushes):
-            found.append(_case(robot, loads, name, payload, tilt, push))
-    return found
+            results.append(_case(robot, loads, name, payload, tilt, push))
+    return results
 
 
 def _in_pose(robot: Robot, q: np.ndarray, acting: np.ndarray | None) -> RestLoads:
@@ -249,21 +249,21 @@ def _case(robot: Robot, loads: RestLoads, name: str, payload: float, tilt: float
         states = robot.contact_states(np.vstack(each))
         tip, least = robot.tip_over.evaluate(states), np.min(reported_normal_forces(states), axis=1)
         margin = np.min(tip.margins, axis=1, initial=np.inf)
-        found = np.column_stack([tip.GN, _slips(robot, states), -least, -margin])
-        return np.max(found.reshape(len(sides), -1, 4), axis=1)
+        values = np.column_stack([tip.GN, _slips(robot, states), -least, -margin])
+        return np.max(values.reshape(len(sides), -1, 4), axis=1)
 
     def add(others: np.ndarray) -> np.ndarray:
-        nonlocal sides, found
-        sides, found = np.vstack([sides, others]), np.vstack([found, measured(others)])
-        return sides[np.argmax(found[:, what])]
+        nonlocal sides, result
+        sides, result = np.vstack([sides, others]), np.vstack([result, measured(others)])
+        return sides[np.argmax(result[:, what])]
 
     downhill, forces = slopes(gravity) if tilt else NO_DIRECTION, pushes(gravity) if push else NO_DIRECTION
     directions = downhill.with_each(forces)
-    sides, found = directions.sides, measured(directions.sides)
+    sides, result = directions.sides, measured(directions.sides)
     for what in (0, 1) if tilt or push else ():
-        directions.search(add, sides[np.argmax(found[:, what])])
-    GN, GT, force, margin = np.max(found, axis=0)
-    use = np.fmax(*np.nan_to_num(found[:, :2], nan=np.inf).T)
+        directions.search(add, sides[np.argmax(result[:, what])])
+    GN, GT, force, margin = np.max(result, axis=0)
+    use = np.fmax(*np.nan_to_num(result[:, :2], nan=np.inf).T)
     worst = sides[int(np.argmax(use))].tolist()
     tips = robot.tip_over.reference_moment is not None
     return LoadCase(
@@ -288,24 +288,24 @@ def contact_test(footing: Footing) -> Callable[[np.ndarray], np.ndarray]:
 
 def _slips(robot: Robot, states: ContactStates) -> np.ndarray:
     """(N,) GT; -inf of states of which half spaces prove that it is below the largest."""
-    found = np.full(len(states), -np.inf)
+    scalars = np.full(len(states), -np.inf)
 
     def solve(rows: np.ndarray) -> None:
-        found[rows] = robot.slip.evaluate(states.select(rows), derivatives=False).GT
+        scalars[rows] = robot.slip.evaluate(states.select(rows), derivatives=False).GT
 
     first = ~states.persistent
     first[np.argmax(np.where(first, -np.inf, _steepness(robot, states.wrenches)))] = True
     solve(np.flatnonzero(first))
     for most in (AT_ONCE, len(states)):
-        held = robot.slip.half_spaces(float(np.max(found[states.persistent], initial=0.0)))
-        left = np.isneginf(found)
+        held = robot.slip.half_spaces(float(np.max(scalars[states.persistent], initial=0.0)))
+        left = np.isneginf(scalars)
         if held is None:
             solve(np.flatnonzero(left))
             break
         left &= ~_inside(held, states)
         worst = np.argsort(-np.where(left, np.max(states.wrenches @ held.T, axis=1), -np.inf))
         solve(worst[: min(most, int(left.sum()))])
-    return found
+    return scalars
 
 
 def _inside(held: np.ndarray, states: ContactStates) -> np.ndarray:

@@ -72,8 +72,8 @@ class LossSearch:
         if least[worst] <= 0:
             return worst, self._tips(int(np.argmin(wrenches[worst] @ slope.T + offset)))
         for rows in np.split(beyond(self._held, wrenches), [_FIRST]):  # most are lost among the first
-            if len(rows) and (found := self._solved(wrenches[rows])) is not None:
-                return int(rows[found[0]]), found[1]
+            if len(rows) and (result := self._solved(wrenches[rows])) is not None:
+                return int(rows[result[0]]), result[1]
         return None
 
     def _tips(self, axis: int) -> str:

@@ -222,7 +222,7 @@ class PostureStudy:
         self.robot, self.limits, held = robot, limits, robot.payload
         self._centre = np.zeros(3) if held is None else held.center_of_mass
         payloads = None, Payload(1.0, self._centre)
-        self._robots = [robot.varied(arm=robot.arm.with_payload(own)) for own in payloads]
+        self._robots = [robot.varied(arm=robot.arm.with_payload(payload)) for payload in payloads]
         self._footing = lru_cache(_SUPPORTS)(self._with_friction)
         self._at: tuple[np.ndarray, tuple[RestLoads, RestLoads]] | None = None
 
@@ -334,38 +334,40 @@ class PostureStudy:
             return self.robot
         return self.robot.on(self.robot.support.varied(with_friction(self.robot.support.contacts, factor)))
 
-    def _acting(self, own: Conditions) -> tuple[np.ndarray, np.ndarray]:
+    def _acting(self, conditions: Conditions) -> tuple[np.ndarray, np.ndarray]:
         """Gravity as the accelerated base on its floor feels it, (3,), m/s^2, and the push (1, 3), N."""
         nominal = self.robot.support.gravity
-        gravity = tilted(nominal, _level(own.downhill), own.tilt) - np.array([*own.acceleration, 0.0])
-        return gravity, own.push * _level(own.towards)[None]
+        gravity = tilted(nominal, _level(conditions.downhill), conditions.tilt) - np.array(
+            [*conditions.acceleration, 0.0]
+        )
+        return gravity, conditions.push * _level(conditions.towards)[None]
 
     def _rests(self, q: np.ndarray) -> tuple[RestLoads, RestLoads]:
         """Loads without payload and with 1 kg."""
         if self._at is None or not np.array_equal(self._at[0], q):
-            empty, held = (RestLoads(own, q[None]) for own in self._robots)
+            empty, held = (RestLoads(robot, q[None]) for robot in self._robots)
             self._at = q, (empty, held)
         return self._at[1]
 
     def _wrenches(
-        self, own: Conditions, gravity: np.ndarray, payload: float | np.ndarray, push: np.ndarray
+        self, conditions: Conditions, gravity: np.ndarray, payload: float | np.ndarray, push: np.ndarray
     ) -> np.ndarray:
         """(N, 6) under gravity (3,) or (N, 3), a payload, kg, and pushes (N, 3)."""
-        empty, held = self._rests(own.q)
+        empty, held = self._rests(conditions.q)
         per_kilogram = held.per_gravity[0] - empty.per_gravity[0]
         total = np.atleast_2d(gravity) @ (empty.per_gravity[0] + payload * per_kilogram).T
         return total + empty.process + np.hstack([push, np.cross(empty.tool, push)])
 
-    def _torques(self, own: Conditions, gravity: np.ndarray, push: np.ndarray) -> np.ndarray:
+    def _torques(self, conditions: Conditions, gravity: np.ndarray, push: np.ndarray) -> np.ndarray:
         """(1, n)."""
-        empty, per_kilogram = self._torque_parts(own, gravity, push)
-        return empty + own.payload * per_kilogram
+        empty, per_kilogram = self._torque_parts(conditions, gravity, push)
+        return empty + conditions.payload * per_kilogram
 
     def _torque_parts(
-        self, own: Conditions, gravity: np.ndarray, push: np.ndarray
+        self, conditions: Conditions, gravity: np.ndarray, push: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Torques (1, n) without payload, and per kg of payload."""
-        q, still = own.q[None], np.zeros((1, self.robot.n))
+        q, still = conditions.q[None], np.zeros((1, self.robot.n))
         about = self.robot.support.center_of_mass
         empty, held = (
             robot.pushed(robot.arm, q, still, still, None, gravity=gravity, about=about).torque
@@ -375,9 +377,9 @@ class PostureStudy:
         pushed = np.einsum("nki,nk->ni", jacobian[:, :3], push)
         return empty - pushed, held - empty
 
-    def _held(self, own: Conditions, gravity: np.ndarray, push: np.ndarray) -> float:
+    def _held(self, conditions: Conditions, gravity: np.ndarray, push: np.ndarray) -> float:
         """kg in all that the drives hold."""
-        (empty,), (more,) = self._torque_parts(own, gravity, push)
+        (empty,), (more,) = self._torque_parts(conditions, gravity, push)
         limit = self.limits.torque_ratio * self.robot.limits.torque
         with np.errstate(divide="ignore", invalid="ignore"):
             masses = np.where(more == 0, np.inf, (np.sign(more) * limit - empty) / more)

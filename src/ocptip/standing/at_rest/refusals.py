@@ -13,26 +13,26 @@ from ocptip.standing.mechanism import StandingMechanism
 
 def posture_refusals(robot: StandingMechanism, limits: Limits, q: np.ndarray) -> list[str]:
     """Why the mechanism cannot rest at angles or coordinates q, (n,)."""
-    at, kinds = Instants.at_rest(robot, q[None]), limits_of(robot, limits)
-    found = own_refusals(robot, limits, at)
-    if moving := list(filter(None, map(_moving, at.interfaces))):
-        return [*found, *moving]
-    return found + [reason for limit in kinds if limit.of_contacts for reason in limit.refusals(at)]
+    resting, kinds = Instants.at_rest(robot, q[None]), limits_of(robot, limits)
+    result = own_refusals(robot, limits, resting)
+    if moving := list(filter(None, map(_moving, resting.interfaces))):
+        return [*result, *moving]
+    return result + [reason for limit in kinds if limit.of_contacts for reason in limit.refusals(resting)]
 
 
-def own_refusals(robot: StandingMechanism, limits: Limits, at: Instants, *, but: str = "") -> list[str]:
+def own_refusals(robot: StandingMechanism, limits: Limits, instants: Instants, *, but: str = "") -> list[str]:
     """Why the mechanism itself cannot be there, whatever its contacts: angles, clearance, torques.
 
     The limit named `but` is left out.
     """
     kinds = [limit for limit in limits_of(robot, limits) if limit.name != but]
     others = [limit for limit in reversed(kinds) if not limit.of_contacts]
-    return [reason for limit in others for reason in limit.refusals(at)]  # the posture before its load
+    return [reason for limit in others for reason in limit.refusals(instants)]  # the posture before its load
 
 
-def _moving(at: Loaded) -> str:
+def _moving(loaded: Loaded) -> str:
     """Why a base or an object does not rest in its (single) contact state; empty if it does."""
-    state, footing = at.states[0], at.footing
+    state, footing = loaded.states[0], loaded.footing
     if not state.solved:
         return f"no verified contact state of the {footing.name} at rest: {state.status}"
     if state.persistent:

@@ -228,12 +228,13 @@ def _measured(
     case = worst or (lambda other, speed: stand(other, speed).worst)
     nominal, before = stand(what, 1.0), case(what, 1.0)
     rows = np.argmax(np.where(np.isnan(nominal.values), -np.inf, nominal.values), axis=0)[:3]
-    found = []
+    results = []
     for change in changes:
         h = _DIFFERENCE * change.step
         if change.per_unit is not None:
             moments = [
-                own.footing.tip_over.reference_moment or 1.0 for own in (stand(*change.varied(h)), nominal)
+                robot.footing.tip_over.reference_moment or 1.0
+                for robot in (stand(*change.varied(h)), nominal)
             ]
             slopes = nominal.slopes(rows, change.per_unit, float(np.log(moments[0] / moments[1])) / h)
         else:
@@ -242,8 +243,8 @@ def _measured(
         after, per_unit = case(*change.varied(change.step)), Reserves(*map(float, slopes * [1, 1, -1]))
         named = change.words, change.quantity, change.step, change.unit
         exact = change.per_unit is not None
-        found.append(Sensitivity(*named, before, after, per_unit, exact, worst is not None))
-    return tuple(found)
+        results.append(Sensitivity(*named, before, after, per_unit, exact, worst is not None))
+    return tuple(results)
 
 
 On = Callable[[Support], tuple[Any, float]]
@@ -271,11 +272,11 @@ def _support_changes(support: Support, on: On) -> list[_Change]:
         return change
 
     mm = f"{1e3 * MILLIMETRES:g} mm"
-    found = [
+    support_changes = [
         _Change(f"all feet {mm} further out", "feet_outwards", MILLIMETRES, "m", moved(np.ones(len(places)))),
     ]
     if d == 3:
-        found += [
+        support_changes += [
             _Change(
                 f"contact {k + 1} {mm} further out", f"contact_{k + 1}_outwards", MILLIMETRES, "m", moved(e)
             )
@@ -292,8 +293,8 @@ def _support_changes(support: Support, on: On) -> list[_Change]:
             return on(support.varied(contacts))
 
         words = f"{100 * FRICTION:g} % more friction of all contacts"
-        found.append(_Change(words, "friction", FRICTION, "", rougher))
-    return found
+        support_changes.append(_Change(words, "friction", FRICTION, "", rougher))
+    return support_changes
 
 
 def _has_friction(contact: Binding) -> bool:
@@ -321,7 +322,7 @@ def _base_changes(stand: _Stand, on: On, worst: Worst | None) -> list[_Change]:
     weight = np.zeros_like(stand.wrenches)
     weight[:, :d] = support.gravity
     words = f"{KILOGRAM:g} kg more base mass"
-    found = [_Change(words, "base_mass", KILOGRAM, "kg", heavier, weight)]
+    base_changes = [_Change(words, "base_mass", KILOGRAM, "kg", heavier, weight)]
     axes = [shift("", "", axis) for axis in np.eye(d)]
     if worst is None:
         row = np.full(3, np.argmax(np.nan_to_num(stand.values[:, 0], nan=-np.inf)))
@@ -332,8 +333,8 @@ def _base_changes(stand: _Stand, on: On, worst: Worst | None) -> list[_Change]:
     level = np.nan_to_num(slopes) - (np.nan_to_num(slopes) @ down) * down
     if (size := float(np.linalg.norm(level))) > 1e-9:
         where = ", ".join(f"{x:.2g}" for x in np.round(level / size, 2) + 0.0)
-        found.append(shift(f"to ({where})", "center_of_mass_sideways", level / size))
-    return [*found, shift("lower", "center_of_mass_down", down)]
+        base_changes.append(shift(f"to ({where})", "center_of_mass_sideways", level / size))
+    return [*base_changes, shift("lower", "center_of_mass_down", down)]
 
 
 @one_thread

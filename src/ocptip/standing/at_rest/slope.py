@@ -125,7 +125,7 @@ def largest_slope(
         return worst
 
     edges = [np.cross(gravity, axis.direction) for axis in footing.tip_over.axes]
-    across = [sign * own / np.linalg.norm(own) for own in edges if own.any() for sign in (1.0, -1.0)]
+    across = [sign * edge / np.linalg.norm(edge) for edge in edges if edge.any() for sign in (1.0, -1.0)]
     directions = slopes(gravity)
     sides = np.array([*across, *directions.sides])
     directions.search(narrow, narrow(sides), _CLOSER)

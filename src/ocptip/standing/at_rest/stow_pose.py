@@ -53,7 +53,7 @@ class StowSearch:
         pulled = [
             robot.loads(q, still, still, base_motion=BaseMotion(axis))[1] - wrenches for axis in np.eye(3)[:2]
         ]
-        slopes = np.stack([own @ self._rows.T for own in pulled])
+        slopes = np.stack([pull @ self._rows.T for pull in pulled])
         with np.errstate(divide="ignore", invalid="ignore"):
             allowed = (self._bounds - wrenches @ self._rows.T) / np.linalg.norm(slopes, axis=0)
         held = np.all(np.abs(torques) <= self._limits.torque_ratio * robot.limits.torque, axis=1)
@@ -74,12 +74,12 @@ class StowSearch:
             rng: of the directions that are tried.
         """
         values = self.accelerations(drawn)
-        found = []
+        results = []
         for begin in self._best_free(drawn[np.argsort(-values, kind="stable")], starts):
-            found.append(self._improved(begin, rng))
-        if not found:
+            results.append(self._improved(begin, rng))
+        if not results:
             return np.empty((0, drawn.shape[1]))
-        every = np.array(found)
+        every = np.array(results)
         return every[np.argsort(-self.accelerations(every), kind="stable")]
 
     def _best_free(self, ordered: np.ndarray, count: int) -> Iterator[np.ndarray]:

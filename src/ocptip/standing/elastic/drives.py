@@ -194,38 +194,40 @@ class DriveMotion:
 
     def lines(self, rigid: ContactMargins) -> list[str]:
         """In words, beside the contacts with gears that do not give."""
-        found = []
+        results = []
         if self.course.falls:
-            found.append("a foot moves too far: not followed to the end")
+            results.append("a foot moves too far: not followed to the end")
         if self.too_far:
             far = f"a gear bends by {self.bend.value:.2g} (rad or m)"
-            found.append(f"{far}, more than {BENT:g}: nothing here is small any more, the gears are too soft")
+            results.append(
+                f"{far}, more than {BENT:g}: nothing here is small any more, the gears are too soft"
+            )
         peak, rms = (quantity(1e3 * value, "mm", 3) for value in (self.peak.value, self.rms))
-        found.append(f"gripper vibrates by up to {peak} {self.peak}, {rms} rms")
+        results.append(f"gripper vibrates by up to {peak} {self.peak}, {rms} rms")
         band = f"within {1e3 * SETTLED:.1f} mm of rest"
         rest = f"{band} {self.settling:.2f} s after the end"
         if not np.isfinite(self.settling):
             rest = f"not {band} {self.course.times[-1] - self.end:.2g} s after the end"
-        found.append(f"{quantity(1e3 * self.after, 'mm', 3)} after the end; {rest}")
+        results.append(f"{quantity(1e3 * self.after, 'mm', 3)} after the end; {rest}")
         if self.contacts:
-            found += self._contact_lines(self.contacts, rigid)
+            results += self._contact_lines(self.contacts, rigid)
         if self.modes:
-            found.append(f"modes {', '.join(map(str, self.modes))}")
+            results.append(f"modes {', '.join(map(str, self.modes))}")
         if self.rise is not None:
-            found.append(self._rise_line(self.rise))
-        return found
+            results.append(self._rise_line(self.rise))
+        return results
 
     @staticmethod
-    def _contact_lines(own: ContactMargins, rigid: ContactMargins) -> list[str]:
+    def _contact_lines(margins: ContactMargins, rigid: ContactMargins) -> list[str]:
         """Forces where these are unique, and moments, beside those with stiff gears."""
-        found = []
-        if own.unique and own.force and rigid.force:
-            least = f"minimum normal force {quantity(own.force.value, 'N', 3)} {own.force}"
-            found.append(f"{least}, {quantity(rigid.force.value, 'N', 3)} with stiff gears")
-        if own.moment and rigid.moment:
-            left = f"{quantity(own.moment.value, 'N m', 3)} left about a tipping axis {own.moment}"
-            found.append(f"{left}, {quantity(rigid.moment.value, 'N m', 3)} with stiff gears")
-        return found
+        contact_lines = []
+        if margins.unique and margins.force and rigid.force:
+            least = f"minimum normal force {quantity(margins.force.value, 'N', 3)} {margins.force}"
+            contact_lines.append(f"{least}, {quantity(rigid.force.value, 'N', 3)} with stiff gears")
+        if margins.moment and rigid.moment:
+            left = f"{quantity(margins.moment.value, 'N m', 3)} left about a tipping axis {margins.moment}"
+            contact_lines.append(f"{left}, {quantity(rigid.moment.value, 'N m', 3)} with stiff gears")
+        return contact_lines
 
     def _rise_line(self, rise: RiseTime) -> str:
         def change(before: float, now: float) -> str:
@@ -250,10 +252,10 @@ def with_rise(robot: StandingMechanism, motion: Trajectory) -> DriveMotion | Non
 
     It is computed for each of the lowest modes, as long as that is at rest after the end.
     """
-    found = on_its_drives(robot, motion)
-    if found is None or motion.profiles is None:
-        return found
-    return replace(found, rise=_best_rise(robot, motion, found))
+    drive_motion = on_its_drives(robot, motion)
+    if drive_motion is None or motion.profiles is None:
+        return drive_motion
+    return replace(drive_motion, rise=_best_rise(robot, motion, drive_motion))
 
 
 def _found(robot: StandingMechanism, motion: Trajectory) -> DriveMotion:
@@ -266,8 +268,8 @@ def _found(robot: StandingMechanism, motion: Trajectory) -> DriveMotion:
     rms = float(np.sqrt(steps @ sizes[moving] ** 2 / max(motion.end, 1e-9)))
     contacts, GN, GT = None, Margin(np.nan, np.nan), Margin(np.nan, np.nan)
     bends = np.abs(course.bends)
-    at, which = np.unravel_index(np.argmax(bends), bends.shape)
-    bend = Margin(float(bends[at, which]), float(course.times[at]), (int(which) + 1,))
+    row, which = np.unravel_index(np.argmax(bends), bends.shape)
+    bend = Margin(float(bends[row, which]), float(course.times[row]), (int(which) + 1,))
     if course.wrenches.shape[1]:
         contacts, GN, GT = _on_base(robot, course)
         if bend.value > BENT:
@@ -294,8 +296,8 @@ def _sag(robot: StandingMechanism, motion: Trajectory, simulation: Simulation, c
     ride = simulation.ride
     times = np.append(ride.begins[:-1], [motion.end, course.times[-1] + 1e-9])
     q = motion.states(np.minimum(times, motion.end))[0]
-    found = shifts(robot, q, simulation.sags(q, np.minimum(times, motion.end)))
-    return np.stack([np.interp(course.times, times, own) for own in found.T], axis=1)
+    result = shifts(robot, q, simulation.sags(q, np.minimum(times, motion.end)))
+    return np.stack([np.interp(course.times, times, shift) for shift in result.T], axis=1)
 
 
 def _modes(simulation: Simulation) -> tuple[RingingMode, ...]:
@@ -304,7 +306,7 @@ def _modes(simulation: Simulation) -> tuple[RingingMode, ...]:
     steps = np.unique(np.linspace(0, count - 1, min(count, _INSTANTS)).astype(int))
     seen = [simulation.modes(step)[:_SHOWN] for step in steps]
     shown = min(map(len, seen))
-    values = np.array([own[:shown] for own in seen])
+    values = np.array([mode_values[:shown] for mode_values in seen])
     values[np.abs(values) < _ROUNDED] = 0.0  # of what is not damped
     return tuple(
         RingingMode(f.min(), f.max(), f[-1], (zeta.min(), zeta.max()))
@@ -333,39 +335,41 @@ def _evaluated(
     robot: StandingMechanism, course: Course, rows: np.ndarray
 ) -> tuple[ContactMargins, np.ndarray]:
     """Contacts at their worst, and GN and GT (k, 2), infinite where they are not known, at these instants."""
-    at = Loaded(robot, course.wrenches[rows])
-    values = np.column_stack([_tip(at), at.largest_slip.GT])
+    loaded = Loaded(robot, course.wrenches[rows])
+    values = np.column_stack([_tip(loaded), loaded.largest_slip.GT])
     values[np.isnan(values)] = np.inf
-    return ContactMargins.of(at, course.times[rows]), values
+    return ContactMargins.of(loaded, course.times[rows]), values
 
 
-def _tip(at: Loaded) -> np.ndarray:
+def _tip(loaded: Loaded) -> np.ndarray:
     """(N,) GN, where the accelerations of contacts are not known."""
-    moments = TipMap(at.footing.tip_over)(at.wrenches)[0]
-    return at.footing.tip_over.ratio(np.min(moments, axis=1)) if moments.shape[1] else at.tip.GN
+    moments = TipMap(loaded.footing.tip_over)(loaded.wrenches)[0]
+    return loaded.footing.tip_over.ratio(np.min(moments, axis=1)) if moments.shape[1] else loaded.tip.GN
 
 
 def _reserve(value: float) -> str:
     return f"{value:.2f}" if np.isfinite(value) else "lost"
 
 
-def _best_rise(robot: StandingMechanism, motion: Trajectory, found: DriveMotion) -> RiseTime | None:
-    before = max(found.peak.value, found.after)
-    if before < SETTLED and not _loses(found):
+def _best_rise(robot: StandingMechanism, motion: Trajectory, drive_motion: DriveMotion) -> RiseTime | None:
+    before = max(drive_motion.peak.value, drive_motion.after)
+    if before < SETTLED and not _loses(drive_motion):
         return None
     good: list[tuple[bool, float, RiseTime]] = []
-    for mode in found.modes:
+    for mode in drive_motion.modes:
         rise = 1 / (mode.last * np.sqrt(1 - mode.damping[0] ** 2))
         if rise <= max(motion.rise_times, default=0.0) or rise > motion.end:
             continue
-        own = _found(robot, motion.with_rise_times(rise))
-        peak, after = own.peak.value, own.after
+        course = _found(robot, motion.with_rise_times(rise))
+        peak, after = course.peak.value, course.after
         if max(peak, after) < _WORTH * before:
-            one = RiseTime(float(rise), mode.last, peak, after, own.settling, own.GN.value, own.GT.value)
-            good.append((_loses(own), after, one))
+            one = RiseTime(
+                float(rise), mode.last, peak, after, course.settling, course.GN.value, course.GT.value
+            )
+            good.append((_loses(course), after, one))
     return min(good, key=lambda one: one[:2])[2] if good else None
 
 
-def _loses(found: DriveMotion) -> bool:
+def _loses(drive_motion: DriveMotion) -> bool:
     """A contact, on rigid feet; no contact on others, of which is not known here."""
-    return found.GN.value > 1 or found.GT.value > 1
+    return drive_motion.GN.value > 1 or drive_motion.GT.value > 1

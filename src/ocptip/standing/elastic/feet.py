@@ -111,14 +111,14 @@ class FeetMotion:
         mode = f"lowest natural frequency {self.frequency:.3g} Hz, damping {percent(self.damping)}"
         if self.falls:
             return [f"a foot moves by more than {1e3 * FALLEN:.0f} mm at {self.course.times[-1]:.3f} s", mode]
-        found = self._lift_lines() if self.lifts else self._force_lines()
+        result = self._lift_lines() if self.lifts else self._force_lines()
         shift = f"gripper shifted by up to {quantity(1e3 * self.shift.value, 'mm', 3)} {self.shift}"
         within = f"within {1e3 * SETTLED:.1f} mm of rest"
         if np.isfinite(self.settling):
             rest = f"{within} {self.settling:.2f} s after the end"
         else:
             rest = f"not {within} {self.course.times[-1] - self.end:.2g} s after the end"
-        return [*found, mode, shift, rest]
+        return [*result, mode, shift, rest]
 
     def _force_lines(self) -> list[str]:
         """The contact that is nearest to letting go; none where only rigid clamps hold the base."""
@@ -219,12 +219,12 @@ def _range(lifted: Callable[..., Margin | None], exponents: list[float]) -> Soft
         exponents: of ten.
     """
     whether = partial(lifted, whether=True)
-    found = [lifted(exponents[0])]
-    while found[-1] is not None and len(found) < len(exponents):
-        found.append(whether(exponents[len(found)]))
-    if found[-1] is not None:
-        return SoftestFeet(np.inf, found[0])
-    top, least, lost = len(found) - 1, SOFTEST, None
+    results = [lifted(exponents[0])]
+    while results[-1] is not None and len(results) < len(exponents):
+        results.append(whether(exponents[len(results)]))
+    if results[-1] is not None:
+        return SoftestFeet(np.inf, results[0])
+    top, least, lost = len(results) - 1, SOFTEST, None
     for above, exponent in pairwise(exponents[top:]):
         if lost := lifted(exponent):
             above, lost = bisected(lifted, above, exponent, lost, _near)
@@ -232,10 +232,10 @@ def _range(lifted: Callable[..., Margin | None], exponents: list[float]) -> Soft
             break
     if top == 0:
         return SoftestFeet(least, lost)
-    beyond = found[top - 1]
+    beyond = results[top - 1]
     assert beyond is not None  # all before the last one
     most, _ = bisected(whether, exponents[top], exponents[top - 1], beyond, _near)
-    return SoftestFeet(np.inf, found[0], (least, float(10**most)))
+    return SoftestFeet(np.inf, results[0], (least, float(10**most)))
 
 
 def _near(low: float, high: float) -> bool:
@@ -254,14 +254,14 @@ def _largest(times: np.ndarray, values: np.ndarray) -> Margin:
 
 def _lifts(course: Course) -> list[Lift]:
     """Runs of instants at which a foot has a gap below it, and instants at which one lets go without."""
-    found = []
+    lifts = []
     for k, gaps in enumerate(course.gaps.T):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], gaps > 0, [False]])))
         for first, last in edges.reshape(-1, 2):
             top = first + int(np.argmax(gaps[first:last]))
             begin, end = course.times[max(first - 1, 0)], course.times[min(last, len(gaps) - 1)]
-            found.append(Lift(k + 1, float(begin), float(end), float(gaps[top]), float(course.times[top])))
+            lifts.append(Lift(k + 1, float(begin), float(end), float(gaps[top]), float(course.times[top])))
     for k, time in course.lost:
-        if not any(lift.contact == k + 1 and lift.begin - 1e-9 <= time <= lift.end for lift in found):
-            found.append(Lift(k + 1, time, time, 0.0, time))
-    return found
+        if not any(lift.contact == k + 1 and lift.begin - 1e-9 <= time <= lift.end for lift in lifts):
+            lifts.append(Lift(k + 1, time, time, 0.0, time))
+    return lifts

@@ -121,10 +121,10 @@ class Ride:
         chain = self.robot.chain
         if chain is None:
             return np.empty(0), np.empty(0)
-        own = np.diagonal(self.start_inertia)[6:]
+        gear_inertia = np.diagonal(self.start_inertia)[6:]
         springs = chain.gears.stiffness[chain.gears.elastic]
-        fast = springs > own * (2 * np.pi * FASTEST) ** 2
-        return np.where(fast, np.inf, springs), chain.gears.dampers(own)
+        fast = springs > gear_inertia * (2 * np.pi * FASTEST) ** 2
+        return np.where(fast, np.inf, springs), chain.gears.dampers(gear_inertia)
 
     def free(self, elastic: ElasticFeet | None) -> np.ndarray:
         """Numbers of the motions that are possible on these feet; None: they do not give."""
@@ -239,19 +239,19 @@ class Simulation:
 
     def modes(self, step: int) -> np.ndarray:
         """(k, 2): natural frequencies, Hz, and damping ratios of what rings in a step, all feet pressing."""
-        found = oscillations(
+        result = oscillations(
             self._inertia[step], self.damping() + self._turning[step], self.stiffness() + self._leaning[step]
         )
-        return found[found[:, 1] < 1 - 1e-9][::2]
+        return result[result[:, 1] < 1 - 1e-9][::2]
 
     def sags(self, q: np.ndarray, times: np.ndarray) -> np.ndarray:
         """(N, 6 + m): all motions, also those not possible, at rest in postures (N, n), all feet pressing."""
         ride, free = self.ride, self._free
         loads, stiffening = ride.at_rest(q, times)
         G = ride.leaning(self._elastic, stiffening, loads)[np.ix_(np.arange(len(q)), free, free)]
-        found = np.zeros_like(loads)
-        found[:, free] = np.linalg.solve(self.stiffness() + G, loads[:, free, None])[:, :, 0]
-        return found
+        values = np.zeros_like(loads)
+        values[:, free] = np.linalg.solve(self.stiffness() + G, loads[:, free, None])[:, :, 0]
+        return values
 
     @one_thread
     def run(self, to_first_pull: bool = False) -> Course:
@@ -270,8 +270,8 @@ class Simulation:
         least, when = np.full(len(self._D), np.inf), np.zeros(len(self._D))
         for times, _, forces, *_ in self._parts(to_first_pull):
             normal = np.where(np.isnan(forces[:, :, 0]), np.inf, forces[:, :, 0])
-            less = (found := np.min(normal, axis=0)) < least
-            least[less], when[less] = found[less], times[np.argmin(normal, axis=0)][less]
+            less = (result := np.min(normal, axis=0)) < least
+            least[less], when[less] = result[less], times[np.argmin(normal, axis=0)][less]
         return least, when, self._falls
 
     def _parts(self, to_first_pull: bool) -> Iterator[tuple[np.ndarray, ...]]:
@@ -319,13 +319,13 @@ class Simulation:
         count = int(np.argmax(far)) + 1 if far.any() else len(far)
         self._falls = bool(far[:count].any())
         groups = np.cumsum(self._counts[:count]) // _AT_ONCE
-        for own in np.split(np.arange(count), np.flatnonzero(np.diff(groups)) + 1):
-            X, owner = states_within(self._steps[own], self._counts[own], ends[own[0] :])
-            seen = self._seen(0, self.ride.begins[own[owner]] + X[:, -3], X)
+        for indices in np.split(np.arange(count), np.flatnonzero(np.diff(groups)) + 1):
+            X, owner = states_within(self._steps[indices], self._counts[indices], ends[indices[0] :])
+            seen = self._seen(0, self.ride.begins[indices[owner]] + X[:, -3], X)
             pulls = np.min(seen[2][:, :, 0], axis=1) < 0
             if to_first_pull and pulls.any():
                 last = owner[np.argmax(pulls)]
-                self._falls = bool(far[: own[last] + 1].any())
+                self._falls = bool(far[: indices[last] + 1].any())
                 yield tuple(part[owner <= last] for part in seen)
                 return
             yield seen
@@ -386,20 +386,20 @@ class Simulation:
         """The first state within dt at which foot k lets go or comes down, by false position."""
 
         def state_at(time: float) -> tuple[np.ndarray, float]:
-            at = self._over(np.array([time]), system[None])[0] @ z
-            return at, float(self._wrong(at[None], begin)[0, k])
+            moved = self._over(np.array([time]), system[None])[0] @ z
+            return moved, float(self._wrong(moved[None], begin)[0, k])
 
         low, below, high = 0.0, float(self._wrong(z[None], begin)[0, k]), dt
-        at, above = state_at(dt)
+        state, above = state_at(dt)
         for _ in range(_SECANTS):
             share = below / (below - above) if below < 0 < above else 0.5
             time = low + np.clip(share, 0.05, 0.95) * (high - low)
-            found, value = state_at(time)
+            result, value = state_at(time)
             if value < 0:
                 low, below = time, value
             else:
-                high, above, at = time, value, found
-        return at
+                high, above, state = time, value, result
+        return state
 
     def _switch(self, k: int, z: np.ndarray, time: float) -> None:
         """Foot k lets go, or comes down."""

@@ -24,27 +24,29 @@ def exponentials(A: np.ndarray, scale: np.ndarray, moving: int) -> np.ndarray:
             their positions as a system is fast, which would otherwise be taken for a larger norm.
         moving: number of the states of the system.
     """
-    B, found = A * (scale / scale[:, None]), np.empty(A.shape)
+    B, values = A * (scale / scale[:, None]), np.empty(A.shape)
     for k in range(0, len(B), _AT_ONCE):
-        found[k : k + _AT_ONCE] = _exponentials(B[k : k + _AT_ONCE], moving)
-    return found * (scale[:, None] / scale)
+        values[k : k + _AT_ONCE] = _exponentials(B[k : k + _AT_ONCE], moving)
+    return values * (scale[:, None] / scale)
 
 
 def _exponentials(B: np.ndarray, moving: int) -> np.ndarray:
     # what is left out is linear in the excitation, so that its size does not matter
-    parts = (np.abs(B[:, own, own]).sum(axis=2).max(initial=0.0) for own in (np.s_[:moving], np.s_[moving:]))
+    parts = (
+        np.abs(B[:, block, block]).sum(axis=2).max(initial=0.0) for block in (np.s_[:moving], np.s_[moving:])
+    )
     halvings = max(0, int(np.ceil(np.log2(max(*parts, _CLOSE) / _CLOSE))))
     B = B * 0.5**halvings
     square = B @ B
-    cube, found = square @ B, np.zeros_like(B)
+    cube, values = square @ B, np.zeros_like(B)
     for k in range(_DEGREE, -1, -3):  # Paterson and Stockmeyer: by powers of the cube
-        found = found @ cube if k < _DEGREE else found
+        values = values @ cube if k < _DEGREE else values
         for power, count in ((np.eye(B.shape[-1]), k), (B, k + 1), (square, k + 2)):
             if count <= _DEGREE:
-                found += power * (1 / factorial(count))
+                values += power * (1 / factorial(count))
     for _ in range(halvings):
-        found = found @ found
-    return found
+        values = values @ values
+    return values
 
 
 def powers(E: np.ndarray, z: np.ndarray, count: int) -> np.ndarray:
@@ -91,9 +93,9 @@ def states_within(steps: np.ndarray, counts: np.ndarray, ends: np.ndarray) -> tu
         if count > _FEW:
             states[first[rows][:, None] + np.arange(count)] = _doubled(steps[rows], ends[rows], int(count))
             continue
-        state, own = ends[rows], steps[rows]
+        state, step = ends[rows], steps[rows]
         for k in range(int(count)):
-            state = np.einsum("sij,sj->si", own, state)
+            state = np.einsum("sij,sj->si", step, state)
             states[first[rows] + k] = state
     return states, np.repeat(np.arange(len(counts)), counts)
 
@@ -121,8 +123,8 @@ def oscillations(inertia: np.ndarray, damping: np.ndarray, stiffness: np.ndarray
     roots = np.linalg.eigvals(A)
     sizes = np.abs(roots)
     with np.errstate(invalid="ignore", divide="ignore"):
-        found = np.column_stack([sizes / (2 * np.pi), -roots.real / sizes])
-    return found[np.argsort(sizes)]
+        values = np.column_stack([sizes / (2 * np.pi), -roots.real / sizes])
+    return values[np.argsort(sizes)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +149,7 @@ class Modes:
         moving = squares[squares > 1e-9 * squares[-1]]
         low, high = np.sqrt(moving[0]), np.sqrt(moving[-1])
         delays = np.array([spring.delay + 2 * spring.ratio / low for spring in elastic.springs])
-        found = oscillations(inertia, elastic.matrix(factors=delays), elastic.matrix())
-        frequencies, ratios = found[np.abs(found[:, 0]) > 1e-3 * low / (2 * np.pi)].T
+        result = oscillations(inertia, elastic.matrix(factors=delays), elastic.matrix())
+        frequencies, ratios = result[np.abs(result[:, 0]) > 1e-3 * low / (2 * np.pi)].T
         slowest = int(np.argmin(np.abs(2 * np.pi * frequencies - low)))
         return cls(low / (2 * np.pi), high / (2 * np.pi), float(ratios[slowest]), delays)

@@ -45,15 +45,15 @@ class ClearanceLimit(AskedLimit):
     def tightened(self, asked: Limits, excess: float) -> Limits:
         return replace(asked, **{self.setting: getattr(asked, self.setting) + min(excess, self.largest_step)})
 
-    def measure(self, at: Instants) -> np.ndarray:
-        return -self.robot.collision.least(at.angles)[:, None]
+    def measure(self, instants: Instants) -> np.ndarray:
+        return -self.robot.collision.least(instants.angles)[:, None]
 
     def detail(self, instant_at: InstantAt, time: float) -> str:
         label = self.robot.collision.worst(instant_at(time).angles)[1]
         return "" if label is None else str(label)
 
-    def refusals(self, at: Instants) -> list[str]:
-        reason = self.too_near({"": (self.robot, at.angles[0])})
+    def refusals(self, instants: Instants) -> list[str]:
+        reason = self.too_near({"": (self.robot, instants.angles[0])})
         return [reason] if reason else []
 
     def too_near(self, postures: Mapping[str, tuple[StandingMechanism, np.ndarray]]) -> str:
@@ -97,34 +97,34 @@ class ClearanceLimit(AskedLimit):
 
     def _near_pairs(self, robot: StandingMechanism, q: np.ndarray) -> dict[str, tuple[GapLabel, float]]:
         """Pairs nearer than allowed at q (n,) with the distance (m), by their names; the nearest first."""
-        found: dict[str, tuple[GapLabel, float]] = {}
+        near_pairs: dict[str, tuple[GapLabel, float]] = {}
         gaps, labels = robot.collision.gaps(q, self.number), robot.collision.labels
         for k in np.argsort(gaps):
             if gaps[k] < self.number:
-                found.setdefault(f"{labels[k]}", (labels[k], float(gaps[k])))
-        return found
+                near_pairs.setdefault(f"{labels[k]}", (labels[k], float(gaps[k])))
+        return near_pairs
 
-    def path_excess(self, at: Instants) -> float:
-        return float(np.max(GAP_SCALE * (self.number - self._smallest(at))))
+    def path_excess(self, instants: Instants) -> float:
+        return float(np.max(GAP_SCALE * (self.number - self._smallest(instants))))
 
-    def uses(self, at: Instants) -> np.ndarray:
-        return 1 + GAP_SCALE * (self.number - self._gaps(at))
+    def uses(self, instants: Instants) -> np.ndarray:
+        return 1 + GAP_SCALE * (self.number - self._gaps(instants))
 
-    def _gaps(self, at: Instants) -> np.ndarray:
+    def _gaps(self, instants: Instants) -> np.ndarray:
         """(N, width), m, right as far as they matter."""
-        return at.gaps(self.number + FAR)
+        return instants.gaps(self.number + FAR)
 
-    def _smallest(self, at: Instants) -> np.ndarray:
+    def _smallest(self, instants: Instants) -> np.ndarray:
         """(N,), m; infinite where there is nothing to hit."""
-        return np.min(self._gaps(at), axis=1, initial=np.inf)
+        return np.min(self._gaps(instants), axis=1, initial=np.inf)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self.number * GAP_SCALE), np.full(self.width, np.inf)
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
-        gaps, slopes = self.robot.collision.slopes(at.angles, i, k)
-        return NodeRows(at, i, k, GAP_SCALE * gaps, GAP_SCALE * slopes)
+        gaps, slopes = self.robot.collision.slopes(row_nodes.angles, i, k)
+        return NodeRows(row_nodes, i, k, GAP_SCALE * gaps, GAP_SCALE * slopes)
 
     def jacobian(self, rows: NodeRows) -> np.ndarray:
         size = rows.at.s.shape[1]
@@ -176,41 +176,41 @@ class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return asked.tolerance.late > 0 and bool(robot.collision.labels)
 
-    def measure(self, at: Instants) -> np.ndarray:
-        return np.empty((len(at), 0))
+    def measure(self, instants: Instants) -> np.ndarray:
+        return np.empty((len(instants), 0))
 
-    def within(self, found: WithinTolerance) -> list[Worst]:
-        gap = found.gap
-        return [] if gap is None else [self.found(gap.value, gap.time, gap.between)]
+    def within(self, within_tolerance: WithinTolerance) -> list[Worst]:
+        gap = within_tolerance.gap
+        return [] if gap is None else [self.worst_value(gap.value, gap.time, gap.between)]
 
-    def kept(self, at: Instants) -> bool:
-        return bool(np.all(self._smallest(at) >= self.number))
+    def kept(self, instants: Instants) -> bool:
+        return bool(np.all(self._smallest(instants) >= self.number))
 
-    def refusals(self, at: Instants) -> list[str]:
+    def refusals(self, instants: Instants) -> list[str]:
         return []  # what rests is not late
 
-    def path_excess(self, at: Instants) -> float:
+    def path_excess(self, instants: Instants) -> float:
         return -np.inf
 
-    def _gaps(self, at: Instants) -> np.ndarray:
-        found = super()._gaps(at).copy()
-        i, k, _, gaps = self._latest(at)
-        found[i, k] = np.minimum(found[i, k], gaps)
-        return found
+    def _gaps(self, instants: Instants) -> np.ndarray:
+        values = super()._gaps(instants).copy()
+        i, k, _, gaps = self._latest(instants)
+        values[i, k] = np.minimum(values[i, k], gaps)
+        return values
 
-    def chosen(self, at: Instants) -> LateClearanceLimit:
+    def chosen(self, instants: Instants) -> LateClearanceLimit:
         """With the delayed joints of each pair there."""
-        other, (i, k, late, _) = copy(self), self._latest(at)
-        other._is_late = np.zeros((len(at), self.width, self.robot.n), dtype=bool)
+        other, (i, k, late, _) = copy(self), self._latest(instants)
+        other._is_late = np.zeros((len(instants), self.width, self.robot.n), dtype=bool)
         other._is_late[i, k] = late
         return other
 
-    def _latest(self, at: Instants) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def _latest(self, instants: Instants) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Near pairs: node, number (r,), which joints are delayed (r, n), the distance (r,), m."""
-        states = np.stack(at.motion_states, axis=1)  # (N, 3, n)
+        states = np.stack(instants.motion_states, axis=1)  # (N, 3, n)
         steps = np.einsum("a,raj->rj", self._steps, states)
         reached = self.robot.collision.approach(steps)
-        i, k = np.nonzero(super()._gaps(at) < self.number + np.minimum(reached + BESIDE, FAR))
+        i, k = np.nonzero(super()._gaps(instants) < self.number + np.minimum(reached + BESIDE, FAR))
         places, moved = states[i, 0], steps[i]
         gaps, slopes = self.robot.collision.slopes(states[:, 0], i, k, once=True)
         late = slopes * moved < 0
@@ -228,23 +228,25 @@ class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
         """Distances (r,) and slopes (r, n) of pairs (r,) at angles (r, n)."""
         return self.robot.collision.slopes(q, np.arange(len(q)), pairs, once=once)
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         late = np.zeros((len(i), self.robot.n)) if self._is_late is None else 1.0 * self._is_late[i, k]
         parts = self._steps[:, None] * late[:, None]
         parts[:, 0] = 1.0
-        q = np.einsum("raj,raj->rj", parts, np.stack(at.motion_states, axis=1)[i])
-        gaps, own = self._at(q, k)
-        slopes = np.zeros((len(i), at.s.shape[1]))
-        slopes[:, : 3 * self.robot.n] = (GAP_SCALE * own[:, None] * parts).reshape(len(i), -1)
-        return _LateRows(at, i, k, GAP_SCALE * gaps, slopes, late=q, parts=parts)
+        q = np.einsum("raj,raj->rj", parts, np.stack(row_nodes.motion_states, axis=1)[i])
+        gaps, curvature_rows = self._at(q, k)
+        slopes = np.zeros((len(i), row_nodes.s.shape[1]))
+        slopes[:, : 3 * self.robot.n] = (GAP_SCALE * curvature_rows[:, None] * parts).reshape(len(i), -1)
+        return _LateRows(row_nodes, i, k, GAP_SCALE * gaps, slopes, late=q, parts=parts)
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, _LateRows)
         count, n = rows.late.shape
-        own = self.robot.collision.curvature(rows.late, np.arange(count), rows.places, GAP_SCALE * on)
+        gap_curvature = self.robot.collision.curvature(
+            rows.late, np.arange(count), rows.places, GAP_SCALE * on
+        )
         size = rows.at.s.shape[1]
         bends = np.zeros((count, size, size))
-        bent = np.einsum("raj,rjk,rbk->rajbk", rows.parts, own, rows.parts)
+        bent = np.einsum("raj,rjk,rbk->rajbk", rows.parts, gap_curvature, rows.parts)
         bends[:, : 3 * n, : 3 * n] = bent.reshape(count, 3 * n, 3 * n)
         return np.arange(count), bends

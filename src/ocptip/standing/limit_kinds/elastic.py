@@ -54,12 +54,12 @@ class FootForceLimit(WrenchLimit, AskedLimit):
         self.width = len(self._map)
         self.unit = robot.mass * float(np.linalg.norm(robot.support.gravity)) / self.width or 1.0
 
-    def forces(self, at: Instants) -> np.ndarray:
+    def forces(self, instants: Instants) -> np.ndarray:
         """(N, n), N."""
-        return at.wrenches @ self._map.T - self._lowest
+        return instants.wrenches @ self._map.T - self._lowest
 
-    def measure(self, at: Instants) -> np.ndarray:
-        return -np.min(self.forces(at), axis=1, keepdims=True)
+    def measure(self, instants: Instants) -> np.ndarray:
+        return -np.min(self.forces(instants), axis=1, keepdims=True)
 
     def detail(self, instant_at: InstantAt, time: float) -> str:
         return f"contact {self._number(np.argmin(self.forces(instant_at(time))[0]))}"
@@ -68,8 +68,8 @@ class FootForceLimit(WrenchLimit, AskedLimit):
         """Of a contact, from 1."""
         return int(self._contacts[row]) + 1
 
-    def refusals(self, at: Instants) -> list[str]:
-        forces = self.forces(at)[0]
+    def refusals(self, instants: Instants) -> list[str]:
+        forces = self.forces(instants)[0]
         k = int(np.argmin(forces))
         if forces[k] >= self.number:
             return []
@@ -78,19 +78,19 @@ class FootForceLimit(WrenchLimit, AskedLimit):
             f"{self.number:.4g} N"
         ]
 
-    def path_excess(self, at: Instants) -> float:
-        return float(self.number - np.min(self.forces(at))) / self.unit
+    def path_excess(self, instants: Instants) -> float:
+        return float(self.number - np.min(self.forces(instants))) / self.unit
 
-    def uses(self, at: Instants) -> np.ndarray:
-        return 1 + (self.number - self.forces(at)) / self.unit
+    def uses(self, instants: Instants) -> np.ndarray:
+        return 1 + (self.number - self.forces(instants)) / self.unit
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self.number / self.unit), np.full(self.width, np.inf)
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
-        forces = at.y[:, at.columns.wrench] @ self._map.T - self._lowest
-        return NodeRows(at, i, k, forces[i, k] / self.unit, self._map[k])
+        forces = row_nodes.y[:, row_nodes.columns.wrench] @ self._map.T - self._lowest
+        return NodeRows(row_nodes, i, k, forces[i, k] / self.unit, self._map[k])
 
     def inner(self, asked: Limits) -> Limits:
         return self._raised(asked, 1e-4)
@@ -111,14 +111,14 @@ class JumpFootForceLimit(AtJumps, FootForceLimit):
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return asked.overshoot > 0 and FootForceLimit.wanted(robot, asked)
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        jumps = Jumps.of(at.motion)
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        jumps = Jumps.of(sampled.motion)
         forces = self.forces(jumps.loads(self.robot, self.asked.overshoot))
         if not len(jumps):
-            return [self.found(np.inf, np.nan, "no acceleration steps")]
+            return [self.worst_value(np.inf, np.nan, "no acceleration steps")]
         i, k = np.unravel_index(np.argmin(forces), forces.shape)
         detail = f"contact {self._number(k)}, {jumps.words(int(i))}"
-        return [self.found(float(forces[i, k]), float(jumps.times[i]), detail)]
+        return [self.worst_value(float(forces[i, k]), float(jumps.times[i]), detail)]
 
 
 class FootLiftLimit(WholeMotionLimit):
@@ -133,17 +133,17 @@ class FootLiftLimit(WholeMotionLimit):
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return robot.swings
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        found = on_its_feet(self.robot, at.motion)
-        if found is None:
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        feet_motion = on_its_feet(self.robot, sampled.motion)
+        if feet_motion is None:
             return []
-        time, detail = found.end, ""
-        if found.lifts:
-            time, detail = found.lifts[0].time, f"contact {found.lifts[0].contact}"
-        excess = found.lift - self.number
-        if found.lifts and not self.number:
+        time, detail = feet_motion.end, ""
+        if feet_motion.lifts:
+            time, detail = feet_motion.lifts[0].time, f"contact {feet_motion.lifts[0].contact}"
+        excess = feet_motion.lift - self.number
+        if feet_motion.lifts and not self.number:
             excess = max(excess, _TOUCH)
-        return [Worst(self.result, found.lift, time, self.number, detail, excess)]
+        return [Worst(self.result, feet_motion.lift, time, self.number, detail, excess)]
 
     def tightened(self, asked: Limits, excess: float) -> Limits:
         """Feet are pressed more, by about what a spring needs that long.
@@ -180,12 +180,16 @@ class RingingLimit(WholeMotionLimit, ContactLimit):
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return robot.chain is not None and not robot.swings
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        found = on_its_drives(self.robot, at.motion)
-        if found is None:
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        drive_motion = on_its_drives(self.robot, sampled.motion)
+        if drive_motion is None:
             return []
-        worst = getattr(found, self.quantity.symbol)
-        return [self.found(worst.value, worst.time, "after the end" if worst.time > at.motion.end else "")]
+        worst = getattr(drive_motion, self.quantity.symbol)
+        return [
+            self.worst_value(
+                worst.value, worst.time, "after the end" if worst.time > sampled.motion.end else ""
+            )
+        ]
 
     def tightened(self, asked: Limits, excess: float) -> Limits:
         name = self.setting if asked.overshoot > 0 else self.quantity.symbol

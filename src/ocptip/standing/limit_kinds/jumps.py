@@ -52,9 +52,9 @@ class Jumps:
         angles, speeds, _ = motion.states(times)
         before, after = (motion.states(times + side)[2] for side in (-INSIDE, INSIDE))
         jumping = np.abs(after - before) > SMALLEST * motion.acceleration_peaks
-        found = jumping.any(axis=1)
+        result = jumping.any(axis=1)
         parts = angles, speeds, before, np.where(jumping, after, before)
-        return cls(times[found], *(part[found] for part in parts))
+        return cls(times[result], *(part[result] for part in parts))
 
     def __len__(self) -> int:
         """Number of acceleration steps."""
@@ -96,16 +96,16 @@ class AtJumps(AskedLimit):
         within = asked.tolerance.overshoot if isinstance(robot, Robot) else 0.0
         return asked.overshoot > within  # else jumps count within the tolerance, with all else that is off
 
-    def measure(self, at: Instants) -> np.ndarray:
-        return Limit.measure(self, at)
+    def measure(self, instants: Instants) -> np.ndarray:
+        return Limit.measure(self, instants)
 
-    def refusals(self, at: Instants) -> list[str]:
+    def refusals(self, instants: Instants) -> list[str]:
         return []
 
-    def path_excess(self, at: Instants) -> float:
+    def path_excess(self, instants: Instants) -> float:
         return -np.inf
 
-    def kept(self, at: Instants) -> bool:
+    def kept(self, instants: Instants) -> bool:
         return True
 
 
@@ -115,14 +115,14 @@ class JumpLimit(AtJumps, NominalLimit):
     words = "{} at acceleration steps", "jump_{}"
     after_steps = True
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return Limit.near(self, at, share)
+    def near(self, instants: Instants, share: float) -> np.ndarray:
+        return Limit.near(self, instants, share)
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        jumps = Jumps.of(at.motion)
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        jumps = Jumps.of(sampled.motion)
         if not len(jumps):
-            return [self.found(0.0, np.nan, "no acceleration steps")]
+            return [self.worst_value(0.0, np.nan, "no acceleration steps")]
         values = self.quantity.measure_still(self._loads(jumps.loads(self.robot, self.asked.overshoot)))
         values = np.where(np.isnan(values), np.inf, values)
         k = int(np.argmax(values))
-        return [self.found(float(values[k]), float(jumps.times[k]), jumps.words(k))]
+        return [self.worst_value(float(values[k]), float(jumps.times[k]), jumps.words(k))]

@@ -50,25 +50,25 @@ class TorqueLimit(QuantityLimit, AskedLimit):
         super().__init__(robot, asked, joints)
         self.units, self.width = robot.limits.torque, robot.n
 
-    def measure(self, at: Instants) -> np.ndarray:
-        return np.max(np.abs(at.torques) / self.units, axis=1)[:, None]
+    def measure(self, instants: Instants) -> np.ndarray:
+        return np.max(np.abs(instants.torques) / self.units, axis=1)[:, None]
 
     def detail(self, instant_at: InstantAt, time: float) -> str:
         return self.robot.joint_label(int(np.argmax(np.abs(instant_at(time).torques[0]) / self.units)))
 
-    def refusals(self, at: Instants) -> list[str]:
-        robot, torques, allowed = self.robot, np.abs(at.torques[0]), self.number * self.units
+    def refusals(self, instants: Instants) -> list[str]:
+        robot, torques, allowed = self.robot, np.abs(instants.torques[0]), self.number * self.units
         return [
             f"{robot.joint_label(int(j))} needs {torques[j]:.4g} {robot.motor_units[j]} to hold the "
             f"{robot.kind}, must be <= {allowed[j]:.4g}"
             for j in np.flatnonzero(torques > allowed)
         ]
 
-    def path_excess(self, at: Instants) -> float:
-        return np.max(np.abs(at.torques) / self.units) / self.number - 1
+    def path_excess(self, instants: Instants) -> float:
+        return np.max(np.abs(instants.torques) / self.units) / self.number - 1
 
-    def uses(self, at: Instants) -> np.ndarray:
-        return np.abs(at.torques) / self.units / self.number
+    def uses(self, instants: Instants) -> np.ndarray:
+        return np.abs(instants.torques) / self.units / self.number
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         allowed = np.full(self.width, self.number)
@@ -83,8 +83,8 @@ class PeakLimit(Limit):
 
     scenario = WHOLE
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        motion = at.motion
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        motion = sampled.motion
         ratio = getattr(motion, f"{self.name}_peaks") / getattr(self.robot.limits, self.name)
         j = int(np.argmax(ratio))
         value = float(ratio[j])
@@ -113,8 +113,8 @@ class JerkLimit(PeakLimit):
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return bool(np.isfinite(asked.jerks(robot.limits)).any())
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        motion, jerks = at.motion, self.asked.jerks(self.robot.limits)
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        motion, jerks = sampled.motion, self.asked.jerks(self.robot.limits)
         ratio = np.where(np.isfinite(jerks), motion.largest_jerks / jerks, 0.0)
         j = int(np.argmax(ratio))
         value, more = float(ratio[j]), motion.jerk_source
@@ -132,8 +132,8 @@ class DurationLimit(Limit):
     name = "duration"
     scenario = WHOLE
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        end, least, most = at.motion.end, self.asked.min_duration, self.asked.max_duration
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        end, least, most = sampled.motion.end, self.asked.min_duration, self.asked.max_duration
         if least == 0 and most == np.inf:
             return []
         early = least - end > end - most
@@ -156,13 +156,13 @@ class AngleLimit(Limit):
         self._margin = np.where(self._units == "rad", asked.angle_margin, 0.0)
         self._low, self._high = robot.limits.angle_min + self._margin, robot.limits.angle_max - self._margin
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        low, high = at.motion.angle_ranges.T
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        low, high = sampled.motion.angle_ranges.T
         return self._worst(np.minimum(low - self._low, self._high - high)[None], np.array([np.nan]))
 
     def _worst(self, slack: np.ndarray, times: np.ndarray, suffix: str = "") -> list[Worst]:
         """The joint with the minimum slack (T, n) of those that turn, and of those that slide."""
-        found = []
+        results = []
         for unit, name, scale in (("rad", "angle_margin_deg", 180 / np.pi), ("m", "position_margin_m", 1.0)):
             if (joints := np.flatnonzero(self._units == unit)).size:
                 row, place = np.unravel_index(np.argmin(slack[:, joints]), (len(slack), len(joints)))
@@ -172,26 +172,26 @@ class AngleLimit(Limit):
                 time = (
                     float(times[row]) if np.isfinite(times[row]) else np.nan
                 )  # one NaN: results compare equal
-                found.append(Worst(f"{name}{suffix}", least - short, time, least, where, short, least=True))
-        return found
+                results.append(Worst(f"{name}{suffix}", least - short, time, least, where, short, least=True))
+        return results
 
-    def refusals(self, at: Instants) -> list[str]:
-        q, found = at.angles[0], []
+    def refusals(self, instants: Instants) -> list[str]:
+        q, results = instants.angles[0], []
         for j in np.flatnonzero((q < self._low - TOLERANCE) | (q > self._high + TOLERANCE)):
             values, unit, digits = (q[j], self._low[j], self._high[j]), "m", 4
             if self.robot.units[j] == "rad":
                 values, unit, digits = np.rad2deg(values), "degrees", 2
             here, least, greatest = (f"{value:.{digits}f}" for value in values)
             less = " less angle_margin" if self._margin[j] > 0 else ""
-            found.append(
+            results.append(
                 f"{self.robot.joint_label(int(j))} at {here} {unit} is outside its limits{less} "
                 f"{least} to {greatest}"
             )
-        return found
+        return results
 
-    def uses(self, at: Instants) -> np.ndarray:
-        uses = super().uses(at)
-        uses[:, self.joints] = self._beyond(at.angles)[:, self.joints]
+    def uses(self, instants: Instants) -> np.ndarray:
+        uses = super().uses(instants)
+        uses[:, self.joints] = self._beyond(instants.angles)[:, self.joints]
         return uses
 
     def _beyond(self, q: np.ndarray) -> np.ndarray:
@@ -201,9 +201,9 @@ class AngleLimit(Limit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return self._low, self._high
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
-        return NodeRows(at, i, k, at.s[i, k])
+        return NodeRows(row_nodes, i, k, row_nodes.s[i, k])
 
     def jacobian(self, rows: NodeRows) -> np.ndarray:
         return rows.at.by_states(rows.nodes, np.eye(rows.at.s.shape[1])[rows.places])
@@ -235,16 +235,16 @@ class CancelAngleLimit(StateLimit, AngleLimit):
         """(N, n), where joints come to rest."""
         return q + qd * np.abs(qd) / (2 * self._rates(qd))
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        times = cancel_times(at.motion)
-        rests = self._rests(*at.motion.states(times)[:2])
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        times = cancel_times(sampled.motion)
+        rests = self._rests(*sampled.motion.states(times)[:2])
         return self._worst(np.minimum(rests - self._low, self._high - rests), times, "_cancel")
 
-    def refusals(self, at: Instants) -> list[str]:
+    def refusals(self, instants: Instants) -> list[str]:
         return []
 
-    def uses(self, at: Instants) -> np.ndarray:
-        return self._beyond(self._rests(at.angles, at.speeds))
+    def uses(self, instants: Instants) -> np.ndarray:
+        return self._beyond(self._rests(instants.angles, instants.speeds))
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return self._low + RESTS_INSIDE, self._high - RESTS_INSIDE
@@ -253,22 +253,22 @@ class CancelAngleLimit(StateLimit, AngleLimit):
         # A joint that starts or ends at an end stop rests there: half of its distance is enough.
         q, k = rows.at.motion_states[0][rows.nodes, rows.places], rows.places
         low, high = self._low[k], self._high[k]
-        below, above = (np.clip(own / 2, 0.0, RESTS_INSIDE) for own in (q - low, high - q))
+        below, above = (np.clip(room_left / 2, 0.0, RESTS_INSIDE) for room_left in (q - low, high - q))
         return low + below, high - above
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         n, count = self.robot.n, np.arange(len(i))
-        q, qd, _ = at.motion_states
-        slopes = np.zeros((len(i), at.s.shape[1]))
+        q, qd, _ = row_nodes.motion_states
+        slopes = np.zeros((len(i), row_nodes.s.shape[1]))
         slopes[count, k], slopes[count, n + k] = 1.0, np.abs(qd[i, k]) / self._rates(qd[i])[count, k]
-        return NodeRows(at, i, k, self._rests(q[i], qd[i])[count, k], slopes)
+        return NodeRows(row_nodes, i, k, self._rests(q[i], qd[i])[count, k], slopes)
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         count, k, size = np.arange(len(rows.nodes)), rows.places, rows.at.s.shape[1]
-        qd, own = rows.at.motion_states[1][rows.nodes], self.robot.n + k
+        qd, column = rows.at.motion_states[1][rows.nodes], self.robot.n + k
         bends = np.zeros((len(count), size, size))
-        bends[count, own, own] = on * np.sign(qd[count, k]) / self._rates(qd)[count, k]
+        bends[count, column, column] = on * np.sign(qd[count, k]) / self._rates(qd)[count, k]
         return count, bends
 
 
@@ -291,24 +291,27 @@ class CancelDurationLimit(StateLimit):
         self._rates = np.array(self._cancel.decelerations)
         self._fastest = self._rates * (self._cancel.longest - self._cancel.reaction)
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        lasts, longest = at.motion.speed_peaks / self._rates + self._cancel.reaction, self._cancel.longest
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        lasts, longest = (
+            sampled.motion.speed_peaks / self._rates + self._cancel.reaction,
+            self._cancel.longest,
+        )
         j = int(np.argmax(lasts))
         value, joint = float(lasts[j]), self.robot.joint_label(j)
         return [Worst("duration_s_cancel", value, np.nan, longest, joint, value - longest)]
 
-    def uses(self, at: Instants) -> np.ndarray:
-        return np.abs(at.speeds) / self._fastest
+    def uses(self, instants: Instants) -> np.ndarray:
+        return np.abs(instants.speeds) / self._fastest
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         most = np.full(self.width, 1 - FURTHER_INSIDE)
         return -most, most
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
-        slopes = np.zeros((len(i), at.s.shape[1]))
+        slopes = np.zeros((len(i), row_nodes.s.shape[1]))
         slopes[np.arange(len(i)), self.robot.n + k] = 1 / self._fastest[k]
-        return NodeRows(at, i, k, at.motion_states[1][i, k] / self._fastest[k], slopes)
+        return NodeRows(row_nodes, i, k, row_nodes.motion_states[1][i, k] / self._fastest[k], slopes)
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.empty(0, dtype=int), np.empty((0, rows.at.s.shape[1], rows.at.s.shape[1]))
@@ -321,41 +324,45 @@ class FurtherLimit(QuantityLimit):
 
     def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
-        self._own = own = robot.further_limits
-        self.units, self.width = own.units, own.count
+        self._own = further_limits = robot.further_limits
+        self.units, self.width = further_limits.units, further_limits.count
 
-    def measure(self, at: Instants) -> np.ndarray:
-        return self._own.excess(at.further)
+    def measure(self, instants: Instants) -> np.ndarray:
+        return self._own.excess(instants.further)
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        own, found = self._own, []
-        for name in dict.fromkeys(own.names):
-            columns = [k for k in range(own.count) if own.names[k] == name and own.limited[k]]
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        points, results = self._own, []
+        for name in dict.fromkeys(points.names):
+            columns = [k for k in range(points.count) if points.names[k] == name and points.limited[k]]
             if columns:
                 chosen = values[:, columns]
                 row, column = np.unravel_index(np.argmax(chosen), chosen.shape)
                 k, excess = columns[column], float(chosen[row, column])
-                value, limit, least = own.described(k, excess)
-                found.append(Worst(name, value, float(at.times[row]), limit, own.details[k], excess, least))
-        return found
+                value, limit, least = points.described(k, excess)
+                results.append(
+                    Worst(name, value, float(sampled.times[row]), limit, points.details[k], excess, least)
+                )
+        return results
 
-    def refusals(self, at: Instants) -> list[str]:
-        own, excess, found = self._own, self.measure(at)[0], []
+    def refusals(self, instants: Instants) -> list[str]:
+        points, excess, results = self._own, self.measure(instants)[0], []
         for k in np.flatnonzero(excess > 0).tolist():
-            value, limit, least = own.described(k, float(excess[k]))
+            value, limit, least = points.described(k, float(excess[k]))
             sign = ">=" if least else "<="
-            found.append(f"{own.names[k]} of {own.details[k]} is {value:.4g}, must be {sign} {limit:.4g}")
-        return found
+            results.append(
+                f"{points.names[k]} of {points.details[k]} is {value:.4g}, must be {sign} {limit:.4g}"
+            )
+        return results
 
-    def path_excess(self, at: Instants) -> float:
-        return float(np.max(self.measure(at), initial=-np.inf))
+    def path_excess(self, instants: Instants) -> float:
+        return float(np.max(self.measure(instants), initial=-np.inf))
 
-    def uses(self, at: Instants) -> np.ndarray:
-        return 1 + self.measure(at)
+    def uses(self, instants: Instants) -> np.ndarray:
+        return 1 + self.measure(instants)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        own = self._own
-        return own.lower / own.units + FURTHER_INSIDE, own.upper / own.units - FURTHER_INSIDE
+        points = self._own
+        return points.lower / points.units + FURTHER_INSIDE, points.upper / points.units - FURTHER_INSIDE
 
     def first(self, columns: NodeColumns) -> int:
         return columns.further.start

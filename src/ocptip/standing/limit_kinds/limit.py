@@ -144,27 +144,27 @@ class Limit:
 
     # --- what happens -------------------------------------------------------------------------------------
 
-    def measure(self, at: Instants) -> np.ndarray:
+    def measure(self, instants: Instants) -> np.ndarray:
         """Values (N, m) whose maxima are the worst; NaN where unknown."""
-        return np.empty((len(at), 0))
+        return np.empty((len(instants), 0))
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
         """The worst of a motion: of values (N, m) at its instants, or of what else the scenario is about."""
         return []
 
-    def within(self, found: Any) -> list[Worst]:
+    def within(self, within_tolerance: Any) -> list[Worst]:
         """The worst of a motion within an uncertainty, from a `WithinTolerance`."""
         return []
 
-    def kept(self, at: Instants) -> bool:
+    def kept(self, instants: Instants) -> bool:
         """At all instants."""
         return True
 
-    def refusals(self, at: Instants) -> list[str]:
+    def refusals(self, instants: Instants) -> list[str]:
         """Why the mechanism cannot rest so (a single instant), with numbers."""
         return []
 
-    def path_excess(self, at: Instants) -> float:
+    def path_excess(self, instants: Instants) -> float:
         """By how much a path, taken at rest, misses the limit, with some margin; in about its units."""
         return -np.inf
 
@@ -176,21 +176,21 @@ class Limit:
 
     # --- rows of a program --------------------------------------------------------------------------------
 
-    def chosen(self, at: Instants) -> Limit:
+    def chosen(self, instants: Instants) -> Limit:
         """The limit for rows of a program near these instants of its nodes, smooth where it has kinks."""
         return self
 
-    def uses(self, at: Instants) -> np.ndarray:
+    def uses(self, instants: Instants) -> np.ndarray:
         """(N, width): use of the limit by each row, 1 at the limit, more beyond."""
-        return np.full((len(at), self.width), -np.inf)
+        return np.full((len(instants), self.width), -np.inf)
 
-    def use(self, at: Instants) -> np.ndarray:
+    def use(self, instants: Instants) -> np.ndarray:
         """(N,): worst use of the limit, 1 at the limit, more beyond."""
-        return np.max(self.uses(at), axis=1, initial=-np.inf)
+        return np.max(self.uses(instants), axis=1, initial=-np.inf)
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
+    def near(self, instants: Instants, share: float) -> np.ndarray:
         """(N, width) True where rows take part: their use of the limit is at least about `share`."""
-        return ~(self.uses(at) < 1 - (1 - share) * self.reach)
+        return ~(self.uses(instants) < 1 - (1 - share) * self.reach)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds of the rows of a node, (width,) each."""
@@ -201,7 +201,7 @@ class Limit:
         low, high = self.bounds()
         return low[rows.places], high[rows.places]
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         """The rows that take part: where mask (N, width) is True, node by node."""
         raise NotImplementedError(f"{self.name}: no rows")
 
@@ -244,9 +244,9 @@ class QuantityLimit(Limit):
         """The first of the columns."""
         raise NotImplementedError
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
-        return NodeRows(at, i, k, at.y[i, self.first(at.columns) + k] / self.units[k])
+        return NodeRows(row_nodes, i, k, row_nodes.y[i, self.first(row_nodes.columns) + k] / self.units[k])
 
     def jacobian(self, rows: NodeRows) -> np.ndarray:
         columns = self.first(rows.at.columns) + rows.places
@@ -293,12 +293,12 @@ class AskedLimit(Limit):
         """Asked for."""
         return getattr(self.asked, self.setting)
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
         k = int(np.argmax(values[:, 0]))
-        value, time = float(-values[k, 0] if self.least else values[k, 0]), float(at.times[k])
-        return [self.found(value, time, self.detail(at.instant_at, time))]
+        value, time = float(-values[k, 0] if self.least else values[k, 0]), float(sampled.times[k])
+        return [self.worst_value(value, time, self.detail(sampled.instant_at, time))]
 
-    def found(self, value: float, time: float, detail: str) -> Worst:
+    def worst_value(self, value: float, time: float, detail: str) -> Worst:
         """A worst value and by how much it breaks the limit."""
         excess = self.number - value if self.least else value - self.number
         return Worst(self.result, value, time, self.number, detail, excess, self.least)
@@ -307,8 +307,8 @@ class AskedLimit(Limit):
         """Where or what the worst value is."""
         return ""
 
-    def kept(self, at: Instants) -> bool:
-        values = self.measure(at)
+    def kept(self, instants: Instants) -> bool:
+        values = self.measure(instants)
         return bool(np.all(-values >= self.number if self.least else values <= self.number))
 
     def inner(self, asked: Limits) -> Limits:
@@ -327,7 +327,7 @@ class WholeMotionLimit(AskedLimit):
 
     scenario = WHOLE
 
-    def kept(self, at: Instants) -> bool:
+    def kept(self, instants: Instants) -> bool:
         return True
 
     def inner(self, asked: Limits) -> Limits:
@@ -360,5 +360,5 @@ class TableLimit(AskedLimit):
         return getattr(getattr(asked, self.table), self.setting)
 
     def _changed(self, asked: Limits, value: float) -> Limits:
-        own = replace(getattr(asked, self.table), **{self.setting: value})
-        return replace(asked, **{self.table: own})
+        settings = replace(getattr(asked, self.table), **{self.setting: value})
+        return replace(asked, **{self.table: settings})

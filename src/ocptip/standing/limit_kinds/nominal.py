@@ -72,15 +72,15 @@ class ContactLimit(AskedLimit):
 class ContactRowsLimit(ContactLimit):
     """A quantity of the contacts with rows in programs, by how bad the loads of a node are."""
 
-    def badness(self, at: Instants, share: float) -> np.ndarray:
+    def badness(self, instants: Instants, share: float) -> np.ndarray:
         """(N, width) of the loads in this scenario; exact above about `share` of the limit."""
         raise NotImplementedError(f"{self.name}: no rows")
 
-    def uses(self, at: Instants) -> np.ndarray:
-        return self.quantity.uses(self.badness(at, 1.0))
+    def uses(self, instants: Instants) -> np.ndarray:
+        return self.quantity.uses(self.badness(instants, 1.0))
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return self.quantity.near(self.badness(at, share), share)
+    def near(self, instants: Instants, share: float) -> np.ndarray:
+        return self.quantity.near(self.badness(instants, share), share)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return self.quantity.bounds()
@@ -91,9 +91,9 @@ class NominalLimit(WrenchLimit, ContactRowsLimit):
 
     takes_objects = True
 
-    def _loads(self, at: Instants) -> Loaded:
+    def _loads(self, instants: Instants) -> Loaded:
         """Of the interface."""
-        return at.interfaces[self.interface]
+        return instants.interfaces[self.interface]
 
     @property
     def affine(self) -> bool:
@@ -103,29 +103,31 @@ class NominalLimit(WrenchLimit, ContactRowsLimit):
     def unit(self) -> float:
         return self.quantity.unit
 
-    def measure(self, at: Instants) -> np.ndarray:
-        return self.quantity.measure(self._loads(at))[:, None]
+    def measure(self, instants: Instants) -> np.ndarray:
+        return self.quantity.measure(self._loads(instants))[:, None]
 
     def detail(self, instant_at: InstantAt, time: float) -> str:
         return self.quantity.detail(self._loads(instant_at(time)))
 
-    def kept(self, at: Instants) -> bool:
-        return self.quantity.kept(self._loads(at))
+    def kept(self, instants: Instants) -> bool:
+        return self.quantity.kept(self._loads(instants))
 
-    def refusals(self, at: Instants) -> list[str]:
-        found = self.quantity.refusals(self._loads(at))
-        return [f"{self.quantity.footing.name}: {text}" for text in found] if self.interface else found
+    def refusals(self, instants: Instants) -> list[str]:
+        result = self.quantity.refusals(self._loads(instants))
+        return [f"{self.quantity.footing.name}: {text}" for text in result] if self.interface else result
 
-    def path_excess(self, at: Instants) -> float:
-        return self.quantity.path_excess(self._loads(at))
+    def path_excess(self, instants: Instants) -> float:
+        return self.quantity.path_excess(self._loads(instants))
 
     def half_spaces(self) -> np.ndarray | None:
         return self.quantity.half_spaces()
 
-    def badness(self, at: Instants, share: float) -> np.ndarray:
-        return self.quantity.badness(self._loads(at))
+    def badness(self, instants: Instants, share: float) -> np.ndarray:
+        return self.quantity.badness(self._loads(instants))
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
-        values, slopes, bends = self.quantity.rows(at.y[:, at.columns.wrenches[self.interface]], i, k)
-        return NodeRows(at, i, k, values / self.unit, slopes, bends=bends)
+        values, slopes, bends = self.quantity.rows(
+            row_nodes.y[:, row_nodes.columns.wrenches[self.interface]], i, k
+        )
+        return NodeRows(row_nodes, i, k, values / self.unit, slopes, bends=bends)

@@ -44,36 +44,36 @@ class TipOverQuantity(ContactQuantity):
         reference = footing.tip_over.reference_moment
         self.unit, self.least_moment = 2 * (reference or 1.0), moment_at(number, reference)
 
-    def measure(self, at: Loaded) -> np.ndarray:
-        return at.tip.GN
+    def measure(self, loaded: Loaded) -> np.ndarray:
+        return loaded.tip.GN
 
-    def measure_still(self, at: Loaded) -> np.ndarray:
+    def measure_still(self, loaded: Loaded) -> np.ndarray:
         """On the scale of uncertainties: nothing moves yet when the load comes."""
         if not self.width:
-            return self.measure(at)
-        return self.footing.tip_over.ratio(np.min(self.moments(at.wrenches)[0], axis=1))
+            return self.measure(loaded)
+        return self.footing.tip_over.ratio(np.min(self.moments(loaded.wrenches)[0], axis=1))
 
-    def detail(self, at: Loaded) -> str:
+    def detail(self, loaded: Loaded) -> str:
         """GN above 1 counts the acceleration of what lifts: the moment that is missing is another number."""
-        return "" if at.tip.GN[0] <= 1 else self._left(at)
+        return "" if loaded.tip.GN[0] <= 1 else self._left(loaded)
 
-    def _left(self, at: Loaded) -> str:
+    def _left(self, loaded: Loaded) -> str:
         """The moment left or missing in a single instant, and about which contacts; empty without an axis."""
-        axes, margins = self.footing.tip_over.axes, at.tip.margins[0]
+        axes, margins = self.footing.tip_over.axes, loaded.tip.margins[0]
         if not len(axes) or not np.isfinite(least := float(np.min(margins))):
             return ""
         first, second = sorted(axes[int(np.argmin(margins))].contacts)
         return f"tipping margin {margin_text(least, 'N m')} about contacts {first + 1} and {second + 1}"
 
-    def kept(self, at: Loaded) -> bool:
+    def kept(self, loaded: Loaded) -> bool:
         if self.affine:  # contact states are not needed
-            return not self.width or bool(np.min(self.moments(at.wrenches)[0]) >= self.least_moment)
-        return bool(np.all(self.measure(at) <= self.number))
+            return not self.width or bool(np.min(self.moments(loaded.wrenches)[0]) >= self.least_moment)
+        return bool(np.all(self.measure(loaded) <= self.number))
 
-    def refusals(self, at: Loaded) -> list[str]:
-        if at.tip.GN[0] <= self.number:
+    def refusals(self, loaded: Loaded) -> list[str]:
+        if loaded.tip.GN[0] <= self.number:
             return []
-        value, left = float(at.tip.GN[0]), self._left(at)
+        value, left = float(loaded.tip.GN[0]), self._left(loaded)
         where = left if value >= 1 else left[left.index("about") :] if left else ""
         return [f"at rest {self.lost_words(value)}{where and f' ({where})'}"]
 
@@ -84,20 +84,20 @@ class TipOverQuantity(ContactQuantity):
         left, least = (quantity(moment, "N m") for moment in (left, self.least_moment))
         return f"the tipping margin{of and f' of {of}'} is {left}, must be >= {least}"
 
-    def path_excess(self, at: Loaded) -> float:
+    def path_excess(self, loaded: Loaded) -> float:
         if not self.width:
             return -np.inf
         needed = self.least_moment * (1 + PATH_MARGIN)
-        return (needed - np.min(self.moments(at.wrenches)[0])) / self.footing.tip_over.reference_moment
+        return (needed - np.min(self.moments(loaded.wrenches)[0])) / self.footing.tip_over.reference_moment
 
-    def badness(self, at: Loaded) -> np.ndarray:
-        return self.exact(at)
+    def badness(self, loaded: Loaded) -> np.ndarray:
+        return self.exact(loaded)
 
-    def exact(self, at: Loaded) -> np.ndarray:
-        return -self.moments(at.wrenches)[0]
+    def exact(self, loaded: Loaded) -> np.ndarray:
+        return -self.moments(loaded.wrenches)[0]
 
-    def exact_rows(self, at: Loaded) -> tuple[np.ndarray, np.ndarray]:
-        moments, slopes = self.moments(at.wrenches)
+    def exact_rows(self, loaded: Loaded) -> tuple[np.ndarray, np.ndarray]:
+        moments, slopes = self.moments(loaded.wrenches)
         return -moments / self.unit, -slopes / self.unit
 
     def near(self, badness: np.ndarray, share: float) -> np.ndarray:
@@ -145,8 +145,8 @@ class TipOverQuantity(ContactQuantity):
         return bool(np.all(cases.all_moments(s) >= self.least_moment))
 
     def worst_at_rest(self, cases: WorstCase, s: np.ndarray) -> tuple[float, np.ndarray]:
-        found = cases.moments(s, np.array([np.argmin(cases.all_moments(s)[0])]))
-        return float(cases.tip_ratio(found.values)[0]), found.theta[0]
+        result = cases.moments(s, np.array([np.argmin(cases.all_moments(s)[0])]))
+        return float(cases.tip_ratio(result.values)[0]), result.theta[0]
 
     def path_excess_within(self, cases: WorstCase, s: np.ndarray) -> float:
         if not self.width:
@@ -173,26 +173,26 @@ class SlipQuantity(ContactQuantity):
         slip = footing.slip
         self._map, self._bound = slip.within(number) if smooth else (slip.map(up_to=number), number)
 
-    def measure(self, at: Loaded) -> np.ndarray:
-        return at.largest_slip.GT
+    def measure(self, loaded: Loaded) -> np.ndarray:
+        return loaded.largest_slip.GT
 
-    def largest(self, at: Loaded) -> np.ndarray:
-        return self.footing.slip.greatest(at.wrenches)
+    def largest(self, loaded: Loaded) -> np.ndarray:
+        return self.footing.slip.greatest(loaded.wrenches)
 
-    def detail(self, at: Loaded) -> str:
+    def detail(self, loaded: Loaded) -> str:
         """GT above 1 counts the acceleration of what slides: the friction needed is another number."""
-        if not at.slip.GT[0] > 1:
+        if not loaded.slip.GT[0] > 1:
             return ""
-        demand = FrictionDemand.of(self.footing.support, at.wrenches[0])
+        demand = FrictionDemand.of(self.footing.support, loaded.wrenches[0])
         return "" if np.isnan(demand.factor) else f"friction used {demand.used}"
 
-    def kept(self, at: Loaded) -> bool:
+    def kept(self, loaded: Loaded) -> bool:
         if self.smooth:
-            return bool(np.all(self.badness(at) <= self._bound))
-        return bool(np.all(self.footing.slip.above(at.wrenches, self.number) <= self.number))
+            return bool(np.all(self.badness(loaded) <= self._bound))
+        return bool(np.all(self.footing.slip.above(loaded.wrenches, self.number) <= self.number))
 
-    def refusals(self, at: Loaded) -> list[str]:
-        slip = at.slip
+    def refusals(self, loaded: Loaded) -> list[str]:
+        slip = loaded.slip
         if slip.GT[0] <= self.number:  # also where it is an upper bound
             return []
         if not slip.solved[0]:
@@ -211,23 +211,23 @@ class SlipQuantity(ContactQuantity):
     def half_spaces(self) -> np.ndarray | None:
         return self.footing.slip.half_spaces(self.number)
 
-    def badness(self, at: Loaded) -> np.ndarray:
-        if self._map not in at.memo:
+    def badness(self, loaded: Loaded) -> np.ndarray:
+        if self._map not in loaded.memo:
             if self.smooth:
-                at.memo[self._map] = self._map(at.wrenches)[0][:, None]
+                loaded.memo[self._map] = self._map(loaded.wrenches)[0][:, None]
             elif self.footing.slip.redistribution == "full":
-                at.memo[self._map] = self.exact(at)
+                loaded.memo[self._map] = self.exact(loaded)
             else:
-                at.memo[self._map] = self.footing.slip.map(self.number)(at.wrenches, derivatives=False)[0][
-                    :, None
-                ]
-        return at.memo[self._map]
+                loaded.memo[self._map] = self.footing.slip.map(self.number)(
+                    loaded.wrenches, derivatives=False
+                )[0][:, None]
+        return loaded.memo[self._map]
 
-    def exact(self, at: Loaded) -> np.ndarray:
-        return known(self.footing.slip.above(at.wrenches, FAR_FROM_SLIPPING * self.number))[:, None]
+    def exact(self, loaded: Loaded) -> np.ndarray:
+        return known(self.footing.slip.above(loaded.wrenches, FAR_FROM_SLIPPING * self.number))[:, None]
 
-    def exact_rows(self, at: Loaded) -> tuple[np.ndarray, np.ndarray]:
-        GT, slopes = self.footing.slip.evaluate(at.states).for_program()
+    def exact_rows(self, loaded: Loaded) -> tuple[np.ndarray, np.ndarray]:
+        GT, slopes = self.footing.slip.evaluate(loaded.states).for_program()
         return GT[:, None], slopes[:, None]
 
     def uses(self, badness: np.ndarray) -> np.ndarray:
@@ -256,8 +256,8 @@ class SlipQuantity(ContactQuantity):
         self, cases: WorstCase, options: np.ndarray, acting: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         if (planes := self._planes_within(cases)) is not None:
-            found = farthest(cases.deviations, options, acting, planes, None, 1)
-            return found.values[:, None], found.number[:, None]
+            result = farthest(cases.deviations, options, acting, planes, None, 1)
+            return result.values[:, None], result.number[:, None]
         number, values, _ = worst_options(options, cases, acting, functions=[cases.axes])
         return values, number
 
@@ -279,8 +279,8 @@ class SlipQuantity(ContactQuantity):
         return cases.keeps_slip(s, self.number) or self.worst_at_rest(cases, s)[0] <= self.number
 
     def worst_at_rest(self, cases: WorstCase, s: np.ndarray) -> tuple[float, np.ndarray]:
-        found = cases.slip(s, starts=STARTS_AT_REST)
-        return float(found.values[0]), found.theta[0]
+        result = cases.slip(s, starts=STARTS_AT_REST)
+        return float(result.values[0]), result.theta[0]
 
     def brake_torques(self, check: BrakeCheck, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         wrenches, torques = check.combinations(q, qd)

@@ -44,30 +44,30 @@ class ContactQuantity(ABC):
     # --- what happens -------------------------------------------------------------------------------------
 
     @abstractmethod
-    def measure(self, at: Loaded) -> np.ndarray:
+    def measure(self, loaded: Loaded) -> np.ndarray:
         """(N,) values for reports; those below the maximum may be upper bounds."""
 
     @abstractmethod
-    def kept(self, at: Loaded) -> bool:
+    def kept(self, loaded: Loaded) -> bool:
         """At all instants."""
 
     @abstractmethod
-    def refusals(self, at: Loaded) -> list[str]:
+    def refusals(self, loaded: Loaded) -> list[str]:
         """Why the mechanism cannot rest so (a single instant), with numbers."""
 
-    def largest(self, at: Loaded) -> np.ndarray:
+    def largest(self, loaded: Loaded) -> np.ndarray:
         """(P,) the same of many loads, of which the contact solver sees few."""
-        return self.measure(at)
+        return self.measure(loaded)
 
-    def measure_still(self, at: Loaded) -> np.ndarray:
+    def measure_still(self, loaded: Loaded) -> np.ndarray:
         """(N,) values under loads that come before anything moves."""
-        return self.measure(at)
+        return self.measure(loaded)
 
-    def detail(self, at: Loaded) -> str:
+    def detail(self, loaded: Loaded) -> str:
         """Further words on a single instant."""
         return ""
 
-    def path_excess(self, at: Loaded) -> float:
+    def path_excess(self, loaded: Loaded) -> float:
         """By how much a path, taken at rest, misses the limit, with some margin; in about its units."""
         return -np.inf
 
@@ -78,15 +78,15 @@ class ContactQuantity(ABC):
     # --- rows of a program --------------------------------------------------------------------------------
 
     @abstractmethod
-    def badness(self, at: Loaded) -> np.ndarray:
+    def badness(self, loaded: Loaded) -> np.ndarray:
         """(N, width) as rows of programs have it."""
 
     @abstractmethod
-    def exact(self, at: Loaded) -> np.ndarray:
+    def exact(self, loaded: Loaded) -> np.ndarray:
         """(P, width) where it matters, by the contact solver."""
 
     @abstractmethod
-    def exact_rows(self, at: Loaded) -> tuple[np.ndarray, np.ndarray]:
+    def exact_rows(self, loaded: Loaded) -> tuple[np.ndarray, np.ndarray]:
         """Badness (P, width) in units of rows, and its slopes (P, width, 6) over the wrench."""
 
     @abstractmethod

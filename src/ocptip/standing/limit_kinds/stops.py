@@ -82,23 +82,23 @@ class StoppedLimit(StateLimit, ContactLimit):
         """Values (R,) of rows k and their slopes (R, 6) over the wrench."""
         return self.quantity.rows(self._slopes.wrenches(s, *chosen), np.arange(len(k)), k)[:2]
 
-    def chosen(self, at: Instants) -> Limit:
+    def chosen(self, instants: Instants) -> Limit:
         other = copy(self)
-        other._fixed = self._choose(at.s, at.before)
+        other._fixed = self._choose(instants.s, instants.before)
         return other
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         if self._fixed is not None:
             chosen = tuple(part[i, k] for part in self._fixed)
         else:
             nodes, place = np.unique(i, return_inverse=True)
-            chosen = tuple(part[place, k] for part in self._choose(at.s[nodes]))
-        values, weights = self._values(at.s[i], k, chosen)
+            chosen = tuple(part[place, k] for part in self._choose(row_nodes.s[nodes]))
+        values, weights = self._values(row_nodes.s[i], k, chosen)
         unit = self.quantity.unit
         weights = weights / unit
-        gradient = self._slopes.gradient(at.s[i], *chosen, weights)
-        return StoppedRows(at, i, k, values / unit, gradient, chosen=chosen, weights=weights)
+        gradient = self._slopes.gradient(row_nodes.s[i], *chosen, weights)
+        return StoppedRows(row_nodes, i, k, values / unit, gradient, chosen=chosen, weights=weights)
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, StoppedRows)
@@ -120,14 +120,14 @@ class BrakeLimit(TableLimit, StoppedLimit, ContactRowsLimit):
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return asked.brakes is not None and isinstance(robot, Robot)
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        times, found = stops_of_motion(self._arm, at.motion, self._brakes, interface=self.interface)
-        values = np.where(np.isfinite(found.rests), getattr(found, self.setting), np.inf)
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        times, result = stops_of_motion(self._arm, sampled.motion, self._brakes, interface=self.interface)
+        values = np.where(np.isfinite(result.rests), getattr(result, self.setting), np.inf)
         k = int(np.argmax(values))
-        detail = f"a stop by brakes, worst {1e3 * found.after[k]:.3g} ms later"
-        if not np.isfinite(found.rests[k]):
+        detail = f"a stop by brakes, worst {1e3 * result.after[k]:.3g} ms later"
+        if not np.isfinite(result.rests[k]):
             detail = "brakes that close then do not bring the arm to rest"
-        return [self.found(float(values[k]), float(times[k]), detail)]
+        return [self.worst_value(float(values[k]), float(times[k]), detail)]
 
     @cached_property
     def _arm(self) -> Robot:
@@ -154,11 +154,11 @@ class BrakeLimit(TableLimit, StoppedLimit, ContactRowsLimit):
         q, qd = np.split(s[:, : 2 * self.robot.n], 2, axis=1)
         return (self.quantity.brake_torques(self._check, q, qd),)
 
-    def badness(self, at: Instants, share: float) -> np.ndarray:
-        return self.quantity.brake_badness(self._check, self._slopes, at.angles, at.speeds, share)
+    def badness(self, instants: Instants, share: float) -> np.ndarray:
+        return self.quantity.brake_badness(self._check, self._slopes, instants.angles, instants.speeds, share)
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return ~(self.quantity.uses(self.badness(at, share)) < share)
+    def near(self, instants: Instants, share: float) -> np.ndarray:
+        return ~(self.quantity.uses(self.badness(instants, share)) < share)
 
 
 STOP_INNER = 3e-3  # by so much tighter are programs: corners move between their nodes
@@ -198,16 +198,16 @@ class StopLimit(StateLimit, TableLimit, ContactRowsLimit):
         left = 100 * np.sqrt(points.x[worst])
         return f"a stop passing with {left:.0f} % of the speed, s'' = {points.u[worst]:.3g} 1/s"
 
-    def measure(self, at: Instants) -> np.ndarray:
-        points = self._points(at)
+    def measure(self, instants: Instants) -> np.ndarray:
+        points = self._points(instants)
         return points.worst(self.quantity.largest(points)[:, None])[0]
 
-    def _points(self, at: Instants) -> StopPoints:
+    def _points(self, instants: Instants) -> StopPoints:
         """Corners; kept with the instants, for the other quantity."""
         key = "stops", self.asked.torque_ratio, self._time, self.interface
-        if key not in at.memo:
-            at.memo[key] = self._points_of(at.motion_states, at.process)
-        return at.memo[key]
+        if key not in instants.memo:
+            instants.memo[key] = self._points_of(instants.motion_states, instants.process)
+        return instants.memo[key]
 
     def _points_of(
         self, states: tuple[np.ndarray, np.ndarray, np.ndarray], process: np.ndarray
@@ -221,26 +221,26 @@ class StopLimit(StateLimit, TableLimit, ContactRowsLimit):
     def _slopes(self) -> StopSlopes:
         return stop_slopes(self.robot, self._time, self.interface)
 
-    def badness(self, at: Instants, share: float) -> np.ndarray:
-        if self not in at.memo:
-            points = self._points(at)
-            at.memo[self] = points.worst(self.quantity.exact(points))[0]
-        return at.memo[self]
+    def badness(self, instants: Instants, share: float) -> np.ndarray:
+        if self not in instants.memo:
+            points = self._points(instants)
+            instants.memo[self] = points.worst(self.quantity.exact(points))[0]
+        return instants.memo[self]
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, -np.inf), self.quantity.worst()
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         nodes, place = np.unique(i, return_inverse=True)
-        q, qd, qdd = at.motion_states
-        points = self._points_of((q[nodes], qd[nodes], qdd[nodes]), at.process[nodes])
+        q, qd, qdd = row_nodes.motion_states
+        points = self._points_of((q[nodes], qd[nodes], qdd[nodes]), row_nodes.process[nodes])
         values, slopes = self.quantity.exact_rows(points)
         which = points.worst(values)[1][place, k]
         on_wrench = slopes[which, k]
         chosen = points.select(which)
-        gradient = self._slopes.gradient(at.s[i], self.asked.torque_ratio, chosen, on_wrench)
-        return StopRows(at, i, k, values[which, k], gradient, chosen, on_wrench)
+        gradient = self._slopes.gradient(row_nodes.s[i], self.asked.torque_ratio, chosen, on_wrench)
+        return StopRows(row_nodes, i, k, values[which, k], gradient, chosen, on_wrench)
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, StopRows)
@@ -262,11 +262,13 @@ def cancel_of(robot: StandingMechanism, asked: Limits) -> tuple[Robot, Cancel]:
 class _Stopped(Loaded):
     """States of the stops that begin at N nodes, with the wrenches on an interface."""
 
-    def __init__(self, robot: Robot, at: StopStates, count: int, process: np.ndarray, interface: int) -> None:
-        acting = process[at.owner] if process.size else None
-        wrenches = wrenches_on(robot, interface, at.q, at.qd, at.qdd, acting)
+    def __init__(
+        self, robot: Robot, stop_states: StopStates, count: int, process: np.ndarray, interface: int
+    ) -> None:
+        acting = process[stop_states.owner] if process.size else None
+        wrenches = wrenches_on(robot, interface, stop_states.q, stop_states.qd, stop_states.qdd, acting)
         super().__init__(robot.interfaces[interface], wrenches)
-        self.count, self.states_of_stops = count, at
+        self.count, self.states_of_stops = count, stop_states
 
     def some(self, rows: np.ndarray) -> Loaded:
         """Some of the states."""
@@ -299,13 +301,13 @@ class CancelLimit(TableLimit, StoppedLimit, ContactRowsLimit):
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return asked.cancel is not None and isinstance(robot, Robot)
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        robot, cancel = cancel_of(at.robot, self.asked)
-        times, found = cancelled_motion(robot, at.motion, cancel, self.interface)
-        values = getattr(found, self.setting)
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        robot, cancel = cancel_of(sampled.robot, self.asked)
+        times, result = cancelled_motion(robot, sampled.motion, cancel, self.interface)
+        values = getattr(result, self.setting)
         k = int(np.argmax(values))
-        detail = f"joints decelerate from then on, worst {1e3 * found.after[k]:.3g} ms later"
-        return [self.found(float(values[k]), float(times[k]), detail)]
+        detail = f"joints decelerate from then on, worst {1e3 * result.after[k]:.3g} ms later"
+        return [self.worst_value(float(values[k]), float(times[k]), detail)]
 
     # --- rows of a program --------------------------------------------------------------------------------
 
@@ -338,13 +340,13 @@ class CancelLimit(TableLimit, StoppedLimit, ContactRowsLimit):
     def _choose(self, s: np.ndarray, before: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
         """The worst states: sign, moves, weights, (N, width, n) each."""
         stops, qd = self._stopped(s), s[:, self.robot.n : 2 * self.robot.n]
-        number, at = self._worst_of(stops)[1], stops.states_of_stops
+        number, states_of_stops = self._worst_of(stops)[1], stops.states_of_stops
         sign = np.repeat(np.sign(without_creep(qd))[:, None], number.shape[1], axis=1)
-        return sign, at.moves[number].astype(float), at.weights[number]
+        return sign, states_of_stops.moves[number].astype(float), states_of_stops.weights[number]
 
-    def badness(self, at: Instants, share: float) -> np.ndarray:
+    def badness(self, instants: Instants, share: float) -> np.ndarray:
         """(N, width), the worst of the stop that begins there."""
         key = self.name, self.asked.cancel and self.asked.cancel.decelerations
-        if key not in at.memo:
-            at.memo[key] = self._worst_of(self._stopped(at.s))[0]
-        return at.memo[key]
+        if key not in instants.memo:
+            instants.memo[key] = self._worst_of(self._stopped(instants.s))[0]
+        return instants.memo[key]

@@ -58,8 +58,8 @@ class WithinLimit(AskedLimit):
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
         return bool(asked.tolerance.given)
 
-    def worst(self, values: np.ndarray, at: Sampled) -> list[Worst]:
-        return self.within(worst_of_sampled(at, self.asked.tolerance))
+    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
+        return self.within(worst_of_sampled(sampled, self.asked.tolerance))
 
 
 class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
@@ -87,69 +87,73 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
     def setting_of(cls, quantity: type[ContactQuantity]) -> str:
         return WITHIN_OF[quantity.symbol]
 
-    def within(self, found: WithinTolerance) -> list[Worst]:
-        of_contacts = found.objects[self.quantity.footing.name] if self.interface else vars(found)
+    def within(self, within_tolerance: WithinTolerance) -> list[Worst]:
+        of_contacts = (
+            within_tolerance.objects[self.quantity.footing.name] if self.interface else vars(within_tolerance)
+        )
         worst = of_contacts[self.quantity.in_results]
         if worst is None:
             return []
         value, how = worst.most, worst.how
-        return [self.found(value, worst.time, f"{how}: {worst.left}" if value > 1 else how)]
+        return [self.worst_value(value, worst.time, f"{how}: {worst.left}" if value > 1 else how)]
 
-    def kept(self, at: Instants) -> bool:
-        return self.quantity.kept_within(self._smooth, at.s, self._bound)
+    def kept(self, instants: Instants) -> bool:
+        return self.quantity.kept_within(self._smooth, instants.s, self._bound)
 
-    def refusals(self, at: Instants) -> list[str]:
+    def refusals(self, instants: Instants) -> list[str]:
         def kept(cases: WorstCase) -> bool:
-            return self.quantity.rests_within(cases, at.s)
+            return self.quantity.rests_within(cases, instants.s)
 
         if kept(self.cases):
             return []
-        tolerance, (value, theta) = self.asked.tolerance, self.quantity.worst_at_rest(self.cases, at.s)
+        tolerance, (value, theta) = self.asked.tolerance, self.quantity.worst_at_rest(self.cases, instants.s)
         rest, _ = why_not(tolerance, AT_REST, lambda some: kept(self.cases.within(some)))
         what = self.quantity.lost_words(value, self.quantity.footing.name if self.interface else "")
-        found = f"within the uncertainty at rest {what} ({self.cases.deviations.words(theta)}): {rest}"
-        return [f"{found} (--tolerance none plans for the nominal model)"]
+        result = f"within the uncertainty at rest {what} ({self.cases.deviations.words(theta)}): {rest}"
+        return [f"{result} (--tolerance none plans for the nominal model)"]
 
-    def path_excess(self, at: Instants) -> float:
-        return self.quantity.path_excess_within(self.cases, at.s)
+    def path_excess(self, instants: Instants) -> float:
+        return self.quantity.path_excess_within(self.cases, instants.s)
 
-    def uses(self, at: Instants) -> np.ndarray:
-        return self.quantity.uses_within(self._smooth, at.s, self._bound)
+    def uses(self, instants: Instants) -> np.ndarray:
+        return self.quantity.uses_within(self._smooth, instants.s, self._bound)
 
-    def chosen(self, at: Instants) -> Limit:
+    def chosen(self, instants: Instants) -> Limit:
         """With the deviations that are worst there."""
-        other, count, width = copy(self), len(at), self.width
+        other, count, width = copy(self), len(instants), self.width
         rows, places = np.repeat(np.arange(count), width), np.tile(np.arange(width), count)
-        found = self.quantity.within(self._smooth, at.s[rows], places)
-        other._theta = found.theta.reshape(count, width, -1)
+        result = self.quantity.within(self._smooth, instants.s[rows], places)
+        other._theta = result.theta.reshape(count, width, -1)
         return other
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         ends = np.full(self.width, self._bound / self.quantity.unit), np.full(self.width, np.inf)
         return ends if self.quantity.least else (-ends[1], ends[0])
 
-    def rows(self, at: RowNodes, mask: np.ndarray) -> NodeRows:
+    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         i, k = np.nonzero(mask)
         theta = None if self._theta is None else self._theta[i, k]
-        found, unit = self.quantity.within(self._smooth, at.s[i], k, theta), self.quantity.unit
-        weights = found.slopes / unit
-        slopes = self.cases.deviations.state_slopes(at.s[i], found.theta, weights)[0]
-        bends = np.empty(0) if found.bends is None else found.bends / unit
-        return WorstRows(at, i, k, found.values / unit, slopes, found.theta, weights, bends=bends)
+        result, unit = self.quantity.within(self._smooth, row_nodes.s[i], k, theta), self.quantity.unit
+        weights = result.slopes / unit
+        slopes = self.cases.deviations.state_slopes(row_nodes.s[i], result.theta, weights)[0]
+        bends = np.empty(0) if result.bends is None else result.bends / unit
+        return WorstRows(row_nodes, i, k, result.values / unit, slopes, result.theta, weights, bends=bends)
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, WorstRows)
         some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
-        at, weights = rows.at.s[rows.nodes[some]], on[some, None] * rows.weights[some]
+        states, weights = rows.at.s[rows.nodes[some]], on[some, None] * rows.weights[some]
         deviations, theta = self.cases.deviations, rows.theta[some]
-        found = deviations.state_curvature(at, theta, weights)[0]
+        result = deviations.state_curvature(states, theta, weights)[0]
         if rows.bends.size:
             every = np.tile(np.eye(6), (len(some), 1))
-            slopes = deviations.state_slopes(np.repeat(at, 6, axis=0), np.repeat(theta, 6, axis=0), every)[0]
-            slopes = slopes.reshape(len(some), 6, at.shape[1])
+            slopes = deviations.state_slopes(
+                np.repeat(states, 6, axis=0), np.repeat(theta, 6, axis=0), every
+            )[0]
+            slopes = slopes.reshape(len(some), 6, states.shape[1])
             bent = np.matmul(on[some, None, None] * rows.bends[some], slopes)
-            found = found + np.matmul(slopes.transpose(0, 2, 1), bent)
-        return some, found
+            result = result + np.matmul(slopes.transpose(0, 2, 1), bent)
+        return some, result
 
 
 class WorstTorqueLimit(WithinLimit):
@@ -158,9 +162,9 @@ class WorstTorqueLimit(WithinLimit):
     name, result, setting = "torque within tolerance", *[TORQUE_WITHIN] * 2
     smallest_step, largest_step = 1e-3, 0.05
 
-    def within(self, found: WithinTolerance) -> list[Worst]:
-        worst = found.torque
-        return [self.found(worst.value, worst.time, self.robot.joint_label(worst.joint - 1))]
+    def within(self, within_tolerance: WithinTolerance) -> list[Worst]:
+        worst = within_tolerance.torque
+        return [self.worst_value(worst.value, worst.time, self.robot.joint_label(worst.joint - 1))]
 
     def inner(self, asked: Limits) -> Limits:
         return asked
@@ -178,7 +182,9 @@ def left_at_rest(robot: StandingMechanism, tolerance: Uncertainty, rest: np.ndar
     if not cases.axes:
         return 1.0
     s = _at_rest(robot, rest)
-    least, plain = (float(own.all_moments(s).min()) for own in (cases, cases.within(Uncertainty())))
+    least, plain = (
+        float(worst_case.all_moments(s).min()) for worst_case in (cases, cases.within(Uncertainty()))
+    )
     return least / plain
 
 

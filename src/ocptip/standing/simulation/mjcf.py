@@ -112,49 +112,49 @@ def to_mjcf(
 
 def remarks(parts: Sequence[Part]) -> list[str]:
     """The differences between the models and the robot's data, in sentences without full stops."""
-    found = dict.fromkeys(remark for part in parts for remark in remarks_of(part.robot))
+    result = dict.fromkeys(remark for part in parts for remark in remarks_of(part.robot))
     segments = (
         "a model per segment, with what it holds; joints and states are the same, so each goes on with the "
         "state in which the one before ended: what the gripper takes or leaves comes and goes at once"
     )
-    return [*found, *([segments] if len(parts) > 1 else [])]
+    return [*result, *([segments] if len(parts) > 1 else [])]
 
 
 def remarks_of(robot: Robot) -> list[str]:
     """The differences between one model and the robot's data, one sentence each."""
-    found = [
+    remarks = [
         "written by ocptip from the robot's data, SI units and radians, world axes are base axes at the start"
     ]
-    found.append("solref, solimp, the sole's radius and the actuators' gains are numbers for the simulator")
+    remarks.append("solref, solimp, the sole's radius and the actuators' gains are numbers for the simulator")
     if robot.support.elastic is not None:
-        found.append(f"compliant feet are bodies with {FOOT:g} of the base's mass each, taken from it")
+        remarks.append(f"compliant feet are bodies with {FOOT:g} of the base's mass each, taken from it")
     if jaws := sliding_jaws(robot.support):
         numbers = ", ".join(dict.fromkeys(jaw.name.partition("_")[0] for jaw in jaws))
-        found.append(
+        remarks.append(
             f"jaws that press contact {numbers} are bodies for the simulator; each slides along the normal "
             f"without weight, has {JAW:g} of the base's mass, and a spring or a lever pushes it; springs "
             "without a stiffness have an almost constant force"
         )
     if robot.objects:
-        found.append(
+        remarks.append(
             f"objects are free bodies {OBJECT_BODY + robot.objects[0].name!r} ... on small spheres; each "
             "touches only what carries it, on 60 x 60 mm around each contact; tendons pull cups"
         )
     if rotors := real_bodies(robot.arm).rotors:
         joints = ", ".join(f"{rotor.joint + 1}" for rotor in rotors)
-        found.append(
+        remarks.append(
             f"drives of joints {joints} have separate rotors: without them no body has the inertias of these "
             "links; the load on the base is the same, the torque of these joints also moves the rotor"
         )
     if robot.chain is not None:
-        found.append("gears do not give here")
+        remarks.append("gears do not give here")
     if robot.arm.process is not None:
         one = f"the process is actuator {PROCESS!r}, with its nominal load at control 1 (all keyframes)"
         six = f"the process varies: controls of {', '.join(_COMPONENTS)} are what it is; keyframes have it"
-        found.append(one if robot.varying is None else six)
+        remarks.append(one if robot.varying is None else six)
     if not np.all(robot.arm.with_payload(None).masses):
-        found.append("a link without mass got 1 percent of the mass before it, on their common axis")
-    return found
+        remarks.append("a link without mass got 1 percent of the mass before it, on their common axis")
+    return remarks
 
 
 def _settings(root: ET.Element, robot: Robot) -> None:
@@ -214,7 +214,7 @@ def _feet(
     if elastic is not None:
         still = start[None]
         delays = Modes.of(elastic, robot.inertia(still, 0 * still)[0][0]).delays
-    for k, own in enumerate(support.contacts):
+    for k, foot_here in enumerate(support.contacts):
         body, place = base, support.arms[k]
         if elastic is not None:
             body = add(base, "body", name=f"{FOOT_BODY}{k + 1}", pos=text(place))
@@ -228,13 +228,13 @@ def _feet(
                     damping=text(delays[k] * stiffness),
                 )  # fmt: skip
             place = np.zeros(3)
-        for jaw in jaws_of(own, k):
+        for jaw in jaws_of(foot_here, k):
             foot, floor = f"{FOOT_BODY}{jaw.name}", f"ground{jaw.name}"
-            at = {"pos": text(own.position), "quat": text(upright(jaw.normal))}
+            placing = {"pos": text(foot_here.position), "quat": text(upright(jaw.normal))}
             grey = {"rgba": "0.8 0.8 0.8 1"}
             if jaw.slides:
                 jaw_name = f"{JAW_BODY}{jaw.name}"
-                slider = add(world, "body", name=jaw_name, gravcomp="1", **at)
+                slider = add(world, "body", name=jaw_name, gravcomp="1", **placing)
                 joint = add(slider, "joint", name=jaw_name, type="slide", axis="0 0 1")
                 _spring(joint, jaw.force, jaw.stiffness)
                 if jaw.lever:
@@ -246,7 +246,7 @@ def _feet(
                 # A plane must not move; the face of this box is where the plane would be.
                 add(slider, "geom", name=floor, type="box", size="0.03 0.03 0.01", pos="0 0 -0.01", **grey)
             else:
-                add(world, "geom", name=floor, type="plane", size="0.1 0.1 0.01", **grey, **at)
+                add(world, "geom", name=floor, type="plane", size="0.1 0.1 0.01", **grey, **placing)
             centre = text(place + SOLE * jaw.normal)
             add(body, "geom", name=foot, type="sphere", size=text(SOLE), pos=centre)
             sliding = text([max(jaw.friction, 1e-5)] * 2 + [1e-3, 1e-5, 1e-5])
@@ -269,11 +269,19 @@ def _arm(base: ET.Element, robot: Robot, bodies: ArmBodies) -> ET.Element:
         _stick(parent, np.zeros(3) if k else place, place)
         if k:
             rotation = arm.rotations[k]
-        at = {"pos": text(place), "quat": text(quaternion(rotation))}
+        placing = {"pos": text(place), "quat": text(quaternion(rotation))}
         for rotor in bodies.rotors:
             if rotor.joint == k:
-                _rotor(parent, arm.chain_names[k], rotor.mass, rotor.axial, rotor.transverse, at, rotor.ratio)
-        parent = add(parent, "body", name=_link(arm, k), **at)
+                _rotor(
+                    parent,
+                    arm.chain_names[k],
+                    rotor.mass,
+                    rotor.axial,
+                    rotor.transverse,
+                    placing,
+                    rotor.ratio,
+                )
+        parent = add(parent, "body", name=_link(arm, k), **placing)
         kind = "slide" if arm.slides[k] else "hinge"
         joint = add(
             parent, "joint", name=arm.chain_names[k], type=kind, axis="0 0 1", armature=text(armatures[k])
@@ -313,13 +321,13 @@ def _rotor(
     mass: float,
     axial: float,
     transverse: float,
-    at: dict[str, str],
+    placing: dict[str, str],
     ratio: float,
 ) -> None:
-    own = add(parent, "body", name=f"{joint} rotor", **at)
-    own.append(ET.Comment(f" turns {ratio:.6g} times as fast as {joint} "))
-    add(own, "joint", name=f"{joint} rotor", type="hinge", axis="0 0 1")
-    inertial(own, (mass, np.zeros(3), np.diag([transverse, transverse, axial])))
+    body = add(parent, "body", name=f"{joint} rotor", **placing)
+    body.append(ET.Comment(f" turns {ratio:.6g} times as fast as {joint} "))
+    add(body, "joint", name=f"{joint} rotor", type="hinge", axis="0 0 1")
+    inertial(body, (mass, np.zeros(3), np.diag([transverse, transverse, axial])))
 
 
 def _drives(
@@ -343,12 +351,12 @@ def _drives(
     nothing = np.zeros((1, 6))  # acts, if it varies
     bias = robot.loads(start[None], still, still, nothing)[0][0]
     moving = [robot.loads(start[None], still, row[None], nothing)[0][0] for row in np.eye(arm.n)]
-    own = np.maximum(np.diag(np.array(moving) - bias), 1e-4)
-    own = own + sum(
+    inertias = np.maximum(np.diag(np.array(moving) - bias), 1e-4)
+    inertias = inertias + sum(
         (r.axial * r.ratio**2 * (np.arange(arm.n) == r.joint) for r in bodies.rotors), np.zeros(arm.n)
     )
     actuator = add(root, "actuator")
-    for joint, inertia in zip(arm.joint_names, own, strict=True):
+    for joint, inertia in zip(arm.joint_names, inertias, strict=True):
         gains = {"kp": text(inertia * _SERVO**2), "kv": text(2 * inertia * _SERVO)}
         add(actuator, "position", name=joint, joint=joint, **gains)
     if (process := arm.process) is not None:
@@ -363,28 +371,28 @@ def joint_order(robot: Robot, bodies: ArmBodies, values: np.ndarray) -> np.ndarr
 
     Offsets of joints that follow others are those of values.
     """
-    arm, found = robot.arm, []
-    own = values
+    arm, results = robot.arm, []
+    joint_values = values
     if arm.coupling is not None:
-        own = values @ arm.coupling.matrix.T
+        joint_values = values @ arm.coupling.matrix.T
     feet = np.count_nonzero(springs_of(robot.support))
     for k in range(arm.links):
-        found += [rotor.ratio * own[..., k] for rotor in bodies.rotors if rotor.joint == k]
-        found.append(own[..., k])
+        results += [rotor.ratio * joint_values[..., k] for rotor in bodies.rotors if rotor.joint == k]
+        results.append(joint_values[..., k])
     before, after = (np.zeros((*values.shape[:-1], n)) for n in (feet, len(sliding_jaws(robot.support))))
-    return np.concatenate([before, np.stack(found, axis=-1), after], axis=-1)
+    return np.concatenate([before, np.stack(results, axis=-1), after], axis=-1)
 
 
 def joint_offsets(robot: Robot, bodies: ArmBodies) -> np.ndarray:
     """The constant part of the joint values beside `joint_order`: offsets of joints that follow others."""
-    found = joint_order(robot, bodies, np.zeros(robot.n))
+    result = joint_order(robot, bodies, np.zeros(robot.n))
     if (coupling := robot.arm.coupling) is not None:
-        at = np.count_nonzero(springs_of(robot.support))
+        index = np.count_nonzero(springs_of(robot.support))
         for k in range(robot.arm.links):
-            at += sum(rotor.joint == k for rotor in bodies.rotors)
-            found[at] = coupling.offsets[k]
-            at += 1
-    return found
+            index += sum(rotor.joint == k for rotor in bodies.rotors)
+            result[index] = coupling.offsets[k]
+            index += 1
+    return result
 
 
 def _keyframes(
@@ -401,12 +409,12 @@ def _keyframes(
     offsets, process = joint_offsets(robot, bodies), np.ones((len(times), int(robot.arm.process is not None)))
     if robot.varying is not None:
         process = robot.resting(0).process_at_rest[None] if motion is None else robot.acting(times)
-    for k, (time, at, speed, acts) in enumerate(zip(times, q, qd, process, strict=True)):
+    for k, (time, position, speed, acts) in enumerate(zip(times, q, qd, process, strict=True)):
         add(
             frames, "key", name=f"key {k}" if k else "start", time=text(begin + time),
-            qpos=text([*rest, *(joint_order(robot, bodies, at) + offsets), *places[k]]),
+            qpos=text([*rest, *(joint_order(robot, bodies, position) + offsets), *places[k]]),
             qvel=text([*np.zeros(6), *joint_order(robot, bodies, speed), *velocities[k]]),
-            ctrl=text([*at, *acts]),
+            ctrl=text([*position, *acts]),
         )  # fmt: skip
 
 

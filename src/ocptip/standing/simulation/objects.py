@@ -52,21 +52,24 @@ def add_objects(
         BASE: (np.eye(3), -robot.without_objects().support.center_of_mass),
     }
     places = object_states(robot, start[None], np.zeros((1, arm.n)))[0][0].reshape(-1, 7)
-    for own, place in zip(robot.carried, places, strict=True):
-        name, body = own.object.name, own.object.body
+    for carried, place in zip(robot.carried, places, strict=True):
+        name, body = carried.object.name, carried.object.body
         free = add(world, "body", name=OBJECT_BODY + name, pos=text(place[:3]), quat=text(place[3:]))
         add(free, "freejoint", name=OBJECT_BODY + name)
         inertial(free, (body.mass, body.center_of_mass, body.inertia))
-        below, (turn, origin) = bodies[own.object.on], axes[own.object.on]
-        for number, one in enumerate(own.footing.support.contacts):
-            at = np.asarray(one.position)
+        below, (turn, origin) = bodies[carried.object.on], axes[carried.object.on]
+        for number, one in enumerate(carried.footing.support.contacts):
+            position = np.asarray(one.position)
             jaws = jaws_of(one, number)
             if any(jaw.stiffness or jaw.lever for jaw in jaws):
                 raise InputError(f"object {name!r}: a {one.kind} has no model for a simulator on objects")
             for jaw in jaws:
                 foot, floor = (f"{OBJECT_BODY}{name} {what}{jaw.name}" for what in ("foot", "ground"))
-                normal, inside = turn @ jaw.normal, origin + turn @ at
-                own_normal, own_place = own.rotation.T @ jaw.normal, own.rotation.T @ (at - own.origin)
+                normal, inside = turn @ jaw.normal, origin + turn @ position
+                own_normal, own_place = (
+                    carried.rotation.T @ jaw.normal,
+                    carried.rotation.T @ (position - carried.origin),
+                )
                 if jaw.force:
                     ends = (free, foot, own_place), (below, floor, inside + _PULL * normal)
                     _pull(tendons, foot, jaw, ends)
@@ -89,7 +92,7 @@ def add_objects(
                     sensors, "framepos", name=f"{foot}_place", objtype="site", objname=foot, reftype="site",
                     refname=floor,
                 )  # fmt: skip
-        bodies[name], axes[name] = free, (own.rotation.T, -own.rotation.T @ own.origin)
+        bodies[name], axes[name] = free, (carried.rotation.T, -carried.rotation.T @ carried.origin)
     if len(tendons):
         root.append(tendons)
 
@@ -106,9 +109,9 @@ def _pull(
 
 def shift_centres(spec: Any, robot: Robot, shifts: Sequence[Sequence[float]]) -> None:
     """Put the centres of mass of the objects of an MjSpec off by shifts (3,), m; none: where they were."""
-    for own, shift in zip(robot.carried, shifts or np.zeros((len(robot.carried), 3)), strict=False):
-        place = own.object.body.center_of_mass + own.rotation.T @ np.asarray(shift)
-        spec.body(OBJECT_BODY + own.object.name).ipos = place
+    for carried, shift in zip(robot.carried, shifts or np.zeros((len(robot.carried), 3)), strict=False):
+        place = carried.object.body.center_of_mass + carried.rotation.T @ np.asarray(shift)
+        spec.body(OBJECT_BODY + carried.object.name).ipos = place
 
 
 def object_states(robot: Robot, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -125,9 +128,9 @@ def object_states(robot: Robot, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarr
     still = np.zeros_like(points), np.tile(np.eye(3), (len(q), 1, 1)), np.zeros_like(speeds)
     moves = {GRIPPER: (points, turns, speeds), BASE: still}
     places, velocities = [np.empty((len(q), 0))], [np.empty((len(q), 0))]
-    for own in robot.carried:
-        origin, turn, speed = moves[own.carrier]
-        lever, axes = turn @ own.origin, turn @ own.rotation
+    for carried in robot.carried:
+        origin, turn, speed = moves[carried.carrier]
+        lever, axes = turn @ carried.origin, turn @ carried.rotation
         places += [origin + lever, np.array([quaternion(one) for one in axes])]
         spin = speed[:, 3:]
         velocities += [speed[:, :3] + np.cross(spin, lever), np.einsum("kji,kj->ki", axes, spin)]
@@ -159,28 +162,28 @@ def moved_objects(robot: Robot, sensed: np.ndarray) -> dict[str, Moved]:
         robot: with the objects.
         sensed: (T, s) of the sensors of `add_objects`: force and place of each contact.
     """
-    found, at = {}, 0
-    for own in robot.carried:
+    table, index = {}, 0
+    for carried in robot.carried:
         lift = slide = 0.0
-        for number, one in enumerate(own.footing.support.contacts):
+        for number, one in enumerate(carried.footing.support.contacts):
             for _ in (jaw for jaw in jaws_of(one, number) if not jaw.force):
-                force, place = sensed[:, at], np.nan_to_num(sensed[:, at + 1 : at + 4], nan=np.inf)
+                force, place = sensed[:, index], np.nan_to_num(sensed[:, index + 1 : index + 4], nan=np.inf)
                 across = np.linalg.norm(place[:, :2] - place[0, :2], axis=1)
                 lift = max(lift, float(place[:, 2].max()) + SENSOR)
                 slide = max(slide, float(np.max(across, where=force > 0, initial=0.0)))
-                at += 4
-        found[own.object.name] = Moved(lift, slide)
-    return found
+                index += 4
+        table[carried.object.name] = Moved(lift, slide)
+    return table
 
 
 def predicted_objects(parts: Sequence[Part]) -> dict[str, bool]:
     """Whether each object keeps its contacts during these motions, by name."""
-    found: dict[str, bool] = {}
+    table: dict[str, bool] = {}
     for part in parts:
         if part.robot.objects:
             times = np.append(np.arange(0.0, part.motion.end, _SAMPLES), part.motion.end)
             robot = part.robot.during(part.motion)
-            for own in Instants.of_states(robot, *part.motion.states(times), times).interfaces[1:]:
-                kept = bool(own.states.persistent.all())
-                found[own.footing.name] = found.get(own.footing.name, True) and kept
-    return found
+            for interface in Instants.of_states(robot, *part.motion.states(times), times).interfaces[1:]:
+                kept = bool(interface.states.persistent.all())
+                table[interface.footing.name] = table.get(interface.footing.name, True) and kept
+    return table

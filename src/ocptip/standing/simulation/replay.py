@@ -96,13 +96,13 @@ class Replay:
     def stands(self) -> bool:
         """No lift above `LIFTED`, no slide above `SLID`, no fall, of the base and of all objects."""
         moved = Moved(self.lift, self.slide), *self.objects.values()
-        return not self.falls and all(own.stays for own in moved)
+        return not self.falls and all(body.stays for body in moved)
 
     @property
     def least(self) -> tuple[float, float, int]:
         """Minimum normal force, N, when, s, and at which contact, from 1."""
-        at, k = np.unravel_index(np.argmin(self.forces), self.forces.shape)
-        return float(self.forces[at, k]), float(self.times[at]), int(k) + 1
+        row, k = np.unravel_index(np.argmin(self.forces), self.forces.shape)
+        return float(self.forces[row, k]), float(self.times[row]), int(k) + 1
 
 
 def simulator_numbers(robot: Robot, step: float) -> str:
@@ -179,18 +179,18 @@ class Simulator:
             _rest(mujoco, models[0], data, robot)
         state = np.empty(mujoco.mj_stateSize(models[0], mujoco.mjtState.mjSTATE_FULLPHYSICS))
         mujoco.mj_getState(models[0], data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        found, unstable = [], False
-        for number, part, at in owners(parts, times[:-1] + 0.5 * self.step):
-            own = controls[at]
+        runs, unstable = [], False
+        for number, part, instants in owners(parts, times[:-1] + 0.5 * self.step):
+            control = controls[instants]
             if part.robot.arm.process is not None:
-                acts = part.robot.acting(times[at] + 0.5 * self.step - part.begin)
-                own = np.hstack([acts if acts.size else np.ones((len(own), 1)), own])
-            if len(own):
-                state, seen, broken = _rolled(mujoco, models[number], state, own)
-                found.append(seen)
+                acts = part.robot.acting(times[instants] + 0.5 * self.step - part.begin)
+                control = np.hstack([acts if acts.size else np.ones((len(control), 1)), control])
+            if len(control):
+                state, seen, broken = _rolled(mujoco, models[number], state, control)
+                runs.append(seen)
                 unstable = unstable or broken
         first = round(_SETTLED / self.step)
-        return self._seen(world, parts, times[first:], late, np.vstack(found)[first:], unstable)
+        return self._seen(world, parts, times[first:], late, np.vstack(runs)[first:], unstable)
 
     def _model(self, number: int, world: World) -> Any:
         """Model of a part in a scenario; one serves all with such feet and, if need be, more payload."""
@@ -213,14 +213,14 @@ class Simulator:
         contacts = parts[0].robot.support.contacts
         count = len(contacts)
         (forces, heights), slides = np.zeros((2, len(sensed), count)), np.zeros(count)
-        at = 0
+        index = 0
         for k, contact in enumerate(contacts):
             signs = (1,) if isinstance(contact, UnilateralContact) else (1, -1)
-            place, held = sensed[:, at + 1 : at + 4], np.zeros(len(sensed), dtype=bool)
+            place, held = sensed[:, index + 1 : index + 4], np.zeros(len(sensed), dtype=bool)
             for sign in signs:
-                forces[:, k] += sign * sensed[:, at]
-                held |= sensed[:, at] > 0
-                at += 4
+                forces[:, k] += sign * sensed[:, index]
+                held |= sensed[:, index] > 0
+                index += 4
             away = place - place[0]
             height = (place - np.asarray(contact.position)) @ contact.normal + SENSOR
             if not isinstance(contact, RigidClamp):
@@ -229,14 +229,16 @@ class Simulator:
             across = np.linalg.norm(away - (away @ contact.normal)[:, None] * contact.normal, axis=1)
             slides[k] = np.max(across, where=held, initial=0.0)
         middle = times[:-1] + 0.5 * self.step
-        own = [part.begin + np.append(part.motion.event_times, part.end - part.begin) for part in parts]
-        events = (np.concatenate(own)[:, None] + late[None]).ravel()
+        event_times = [
+            part.begin + np.append(part.motion.event_times, part.end - part.begin) for part in parts
+        ]
+        events = (np.concatenate(event_times)[:, None] + late[None]).ravel()
         quiet = np.abs(middle[:, None] - events[None]).min(axis=1) > _EVENT * self.step
         broken = unstable or not np.isfinite(sensed).all()
         heights, forces = np.nan_to_num(heights, nan=np.inf), np.nan_to_num(forces)
         return Replay(
             world, middle, forces, heights, slides, parts[-1].end + float(late.max()),
-            broken or bool(heights.max() > FALLEN), quiet, moved_objects(parts[0].robot, sensed[:, at:]),
+            broken or bool(heights.max() > FALLEN), quiet, moved_objects(parts[0].robot, sensed[:, index:]),
             self.step,
         )  # fmt: skip
 
@@ -344,20 +346,20 @@ def _parts(spec: Any) -> list[list[Any]]:
             parts.append([body])
     for body in spec.bodies:
         if body.name.endswith(" rotor"):
-            own = [part for part in parts if part[0].name == body.parent.name]
-            own[0].append(body)
+            members = [part for part in parts if part[0].name == body.parent.name]
+            members[0].append(body)
     return parts
 
 
 def _speeds(motion: Trajectory, times: np.ndarray, late: np.ndarray) -> np.ndarray:
     """(T, n) joint speeds, each joint with its delay."""
-    found = np.empty((len(times), len(late)))
+    values = np.empty((len(times), len(late)))
     for delay in np.unique(late):
-        own = np.clip(times - delay, 0.0, motion.end)
-        speeds = motion.states(own)[1]
+        delayed_times = np.clip(times - delay, 0.0, motion.end)
+        speeds = motion.states(delayed_times)[1]
         speeds[(times - delay <= 0) | (times - delay >= motion.end)] = 0.0
-        found[:, late == delay] = speeds[:, late == delay]
-    return found
+        values[:, late == delay] = speeds[:, late == delay]
+    return values
 
 
 def _rest(mujoco: Any, model: Any, data: Any, robot: Robot) -> None:
@@ -406,23 +408,23 @@ def compared(parts: Sequence[Part], replay: Replay) -> Compared | None:
     None where it knows none: of rigid feet, more than three, one sharing of several is no prediction.
     """
     times, expected, theirs, stands = [], [], [], True
-    for _, part, at in owners(replay.world.parts(parts), replay.times):
-        local = replay.times[at] - part.begin
-        inside = (local > 0) & (local < part.motion.end) & replay.quiet[at]
+    for _, part, index in owners(replay.world.parts(parts), replay.times):
+        local = replay.times[index] - part.begin
+        inside = (local > 0) & (local < part.motion.end) & replay.quiet[index]
         predicted = _predicted(part, local[inside])
         if predicted is None:
             return None
-        forces, own = predicted
-        kept = at[inside][: len(forces)]
+        forces, moved = predicted
+        kept = index[inside][: len(forces)]
         times.append(replay.times[kept])
         theirs.append(replay.forces[kept])
         expected.append(forces)
-        stands = stands and own
+        stands = stands and moved
     when, expected, theirs = np.concatenate(times), np.vstack(expected), np.vstack(theirs)
-    at = np.argmin(expected, axis=0)
+    index = np.argmin(expected, axis=0)
     return Compared(
-        expected[at, np.arange(expected.shape[1])],
-        when[at],
+        expected[index, np.arange(expected.shape[1])],
+        when[index],
         _rms(theirs.min(axis=1) - expected.min(axis=1)),
         _rms(theirs - expected),
         stands,

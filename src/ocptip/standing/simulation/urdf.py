@@ -50,17 +50,19 @@ def to_urdf(robot: StandingMechanism, *, name: str = "ocptip") -> str:
     for k, body in enumerate(bodies.links):
         if k:
             place, rotation = arm.offsets[k - 1], arm.rotations[k]
-        own = arm.chain_names[k]
+        chain_name = arm.chain_names[k]
         for rotor in bodies.rotors:
             if rotor.joint == k:
                 moments = np.diag([rotor.transverse, rotor.transverse, rotor.axial])
-                _link(root, f"{own} rotor", (rotor.mass, np.zeros(3), moments))
-                joint = _joint(root, f"{own} rotor", "continuous", parent, f"{own} rotor", place, rotation)
+                _link(root, f"{chain_name} rotor", (rotor.mass, np.zeros(3), moments))
+                joint = _joint(
+                    root, f"{chain_name} rotor", "continuous", parent, f"{chain_name} rotor", place, rotation
+                )
                 add(joint, "axis", xyz="0 0 1")
-                add(joint, "mimic", joint=own, multiplier=text(rotor.ratio), offset="0")
+                add(joint, "mimic", joint=chain_name, multiplier=text(rotor.ratio), offset="0")
         _link(root, f"link{k + 1}", body)
         kind = "prismatic" if arm.slides[k] else "revolute"
-        joint = _joint(root, own, kind, parent, f"link{k + 1}", place, rotation)
+        joint = _joint(root, chain_name, kind, parent, f"link{k + 1}", place, rotation)
         add(joint, "axis", xyz="0 0 1")
         _limits(joint, arm, k)
         parent = f"link{k + 1}"
@@ -79,18 +81,20 @@ def _lost(robot: Robot) -> list[str]:
     friction = ", ".join(
         f"{getattr(c, 'friction', None) or getattr(c, 'friction_upper', 0):g}" for c in robot.support.contacts
     )
-    found = [f"not in this file: friction of the feet ({friction}), the motion, the ground"]
+    results = [f"not in this file: friction of the feet ({friction}), the motion, the ground"]
     if any(hasattr(c, "friction_upper") for c in robot.support.contacts):
-        found.append("not in this file: jaws of clamps that press the base onto the ground, and their forces")
+        results.append(
+            "not in this file: jaws of clamps that press the base onto the ground, and their forces"
+        )
     if robot.support.elastic is not None:
-        found.append("not in this file: springs and dampers of the feet")
+        results.append("not in this file: springs and dampers of the feet")
     if robot.arm.has_springs:
-        found.append("not in this file: springs beside the drives of joints")
+        results.append("not in this file: springs beside the drives of joints")
     armature = robot.arm.armature
     if armature is not None and np.any(armature):
         values = ", ".join(f"{value:.6g}" for value in armature)
-        found.append(f"not in this file: drive inertias of the joints, {values} kg m^2 (kg)")
-    return found
+        results.append(f"not in this file: drive inertias of the joints, {values} kg m^2 (kg)")
+    return results
 
 
 def _limits(joint: ET.Element, arm: ArmModel, k: int) -> None:
@@ -101,13 +105,13 @@ def _limits(joint: ET.Element, arm: ArmModel, k: int) -> None:
         if k not in arm.coupling.leads:
             lead = arm.coupling.leading[leader]
             add(joint, "mimic", joint=lead, multiplier=text(ratio), offset=text(offset))
-    own = arm.limits
-    ends = ratio * np.array([own.angle_min[leader], own.angle_max[leader]]) + offset
+    limits = arm.limits
+    ends = ratio * np.array([limits.angle_min[leader], limits.angle_max[leader]]) + offset
     values = {
         "lower": min(ends),
         "upper": max(ends),
-        "velocity": abs(ratio) * own.speed[leader],
-        "effort": own.torque[leader],
+        "velocity": abs(ratio) * limits.speed[leader],
+        "effort": limits.torque[leader],
     }
     finite = {key: text(np.clip(value, -1e9, 1e9)) for key, value in values.items()}
     add(joint, "limit", **finite)
@@ -117,11 +121,11 @@ def _link(root: ET.Element, name: str, body: RigidBody | None = None) -> ET.Elem
     link = add(root, "link", name=name)
     if body is not None:
         mass, centre, inertia = body
-        own = add(link, "inertial")
-        add(own, "origin", xyz=text(centre), rpy="0 0 0")
-        add(own, "mass", value=text(mass))
+        inertial = add(link, "inertial")
+        add(inertial, "origin", xyz=text(centre), rpy="0 0 0")
+        add(inertial, "mass", value=text(mass))
         names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-        add(own, "inertia", **{key: text(inertia[at]) for key, at in names.items()})
+        add(inertial, "inertia", **{key: text(inertia[entry]) for key, entry in names.items()})
     return link
 
 

@@ -77,11 +77,11 @@ class World:
 
     def robot(self, robot: Robot) -> Robot:
         """The robot there, but for the factors on masses and shifted centres."""
-        arm, own = robot.arm, robot.support
+        arm, support = robot.arm, robot.support
         if self.payload:
             arm = arm.with_payload(with_more(arm.payload, self.payload))
         contacts = []
-        for contact in own.contacts:
+        for contact in support.contacts:
             changes = self._frictions(contact)
             if self.stiffness is not None:
                 none = {"tangential_stiffness": None, "damping": None}
@@ -93,7 +93,7 @@ class World:
             objects.append(replace(one, contacts=slippery, friction=None))
         return robot.varied(
             arm=arm,
-            support=own.varied(contacts, gravity=self.gravity(own.gravity)),
+            support=support.varied(contacts, gravity=self.gravity(support.gravity)),
             objects=tuple(objects),
             reference_moment=robot.tip_over.reference_moment,
         )
@@ -180,8 +180,8 @@ def jaws_of(contact: Binding, number: int) -> list[Jaw]:
             )
     if isinstance(contact, ForceConstantTwoSidedClamp | ForceVariableTwoSidedClamp):
         # The source of force moves by ds, the jaws by i / (1 + i) ds and 1 / (1 + i) ds.
-        own = 1 + 1 / contact.lever_ratio
-        upper = Jaw(name, normal, contact.friction_upper, own * force, own**2 * stiffness)
+        lever = 1 + 1 / contact.lever_ratio
+        upper = Jaw(name, normal, contact.friction_upper, lever * force, lever**2 * stiffness)
         return [upper, Jaw(below, -normal, contact.friction_lower, lever=1 / contact.lever_ratio)]
     upper, lower = contact.friction_upper, contact.friction_lower
     return [Jaw(name, normal, upper), Jaw(below, -normal, lower, force, stiffness)]
@@ -189,4 +189,4 @@ def jaws_of(contact: Binding, number: int) -> list[Jaw]:
 
 def sliding_jaws(support: Support) -> list[Jaw]:
     """Jaws that are bodies; each is a joint."""
-    return [jaw for k, own in enumerate(support.contacts) for jaw in jaws_of(own, k) if jaw.slides]
+    return [jaw for k, contact in enumerate(support.contacts) for jaw in jaws_of(contact, k) if jaw.slides]

@@ -186,7 +186,7 @@ def _states(
     """
     still = np.zeros_like(q)
     rates = [(still, dq), (dq, ddq), (still, still), *[(-dq, ddq)] * (rate is not None)]
-    qd, qdd = (np.vstack(own) for own in zip(*rates, strict=True))
+    qd, qdd = (np.vstack(rates_of) for rates_of in zip(*rates, strict=True))
     return np.vstack([q] * len(rates)), qd, qdd
 
 
@@ -230,7 +230,7 @@ class StopPoints(Loaded):
         c, d = path.bounds.lines
         state = np.arange(len(c))
         x, line, end = np.zeros(len(c)), _steepest(c, d, state), np.full(len(c), -1)
-        found = [(state, x, end, end), (state, x, line, end)]
+        results = [(state, x, end, end), (state, x, line, end)]
         while len(state):
             slope, value = d[state, line], c[state, line]
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -242,12 +242,12 @@ class StopPoints(Loaded):
             inside = nearest < 1
             last = ~inside
             if last.any():
-                found.append((state[last], np.ones(last.sum()), line[last], np.full(last.sum(), -2)))
+                results.append((state[last], np.ones(last.sum()), line[last], np.full(last.sum(), -2)))
             state, x = state[inside], nearest[inside]
             first, line = line[inside], following[inside]
             if len(state):
-                found.append((state, x, line, first))
-        owner, x, first, second = (np.concatenate(parts) for parts in zip(*found, strict=True))
+                results.append((state, x, line, first))
+        owner, x, first, second = (np.concatenate(parts) for parts in zip(*results, strict=True))
         order = np.lexsort((x, owner))
         owner, x, first, second = owner[order], x[order], first[order], second[order]
         u = c[owner, first] + d[owner, first] * x
@@ -303,8 +303,8 @@ class StopSlopes:
         by_acceleration, by_torque = cs.DM(1 / limits.acceleration), cs.DM(1 / limits.torque) / ratio
         columns = []
         for rate, effort, law in zip(rates, efforts, (-time, 0.0, 0.0), strict=True):
-            own = rate * by_acceleration, effort * by_torque
-            columns.append(cs.vertcat(own[0], -own[0], own[1], -own[1], law))
+            by_speed = rate * by_acceleration, effort * by_torque
+            columns.append(cs.vertcat(by_speed[0], -by_speed[0], by_speed[1], -by_speed[1], law))
         self._count = columns[0].numel()
         one, other = cs.SX.sym("one", self._count), cs.SX.sym("other", self._count)
         fixed = cs.SX.sym("fixed", 4)  # u = 0 ?, right-hand side; x given ?, right-hand side

@@ -82,8 +82,8 @@ class BrakeCheck(StopCheck):
         delays = np.repeat([delay for _, delay in cases], len(q))
         many = np.tile(q, (len(cases), 1)), np.tile(qd, (len(cases), 1))
         owner = np.tile(np.arange(len(q)), len(cases))
-        own = {"delay": delays, "process": of_owner(process, owner)}
-        run = brake(self._robot.arm, *many, self._robot.support.gravity, torques, **own)
+        given = {"delay": delays, "process": of_owner(process, owner)}
+        run = brake(self._robot.arm, *many, self._robot.support.gravity, torques, **given)
         return self._checked(q, run, owner, process)
 
     def _checked(
@@ -97,9 +97,9 @@ class BrakeCheck(StopCheck):
         ends = run.angles[-1], owner, np.full(len(owner), run.times[-1])
         pairs = zip(ends, (run.angles[k, i], owner[i], run.times[k]), strict=True)
         postures = tuple(np.concatenate(pair) for pair in pairs)
-        found = self._worst(q, owner[i], run.times[k], loads, (run.angles, owner), postures)
-        np.maximum.at(found.rests, owner, run.rests)
-        return found
+        result = self._worst(q, owner[i], run.times[k], loads, (run.angles, owner), postures)
+        np.maximum.at(result.rests, owner, run.rests)
+        return result
 
     def _wrenches(
         self, q: np.ndarray, qd: np.ndarray, after: np.ndarray, process: np.ndarray | None = None
@@ -117,10 +117,10 @@ class BrakeCheck(StopCheck):
 
         Joints that rest stay at rest. The worst corner loads the nearest tipping axis most.
         """
-        found, response = self.response(self._robot, q, qd, qd != 0, process)
-        rest, per_acceleration = _on_interface(self._robot, self._interface, found, q, qd, process)
+        result, response = self.response(self._robot, q, qd, qd != 0, process)
+        rest, per_acceleration = _on_interface(self._robot, self._interface, result, q, qd, process)
         per_torque = per_acceleration @ response
-        rest = rest - np.einsum("sij,sj->si", per_torque, found.bias)
+        rest = rest - np.einsum("sij,sj->si", per_torque, result.bias)
         by_torque = -per_torque * np.sign(qd)[:, None]
         none = np.zeros_like(q)
         acts, surely = (after[:, None] >= self._delay[0]), (after[:, None] >= self._delay[1])
@@ -183,27 +183,27 @@ class BrakeCheck(StopCheck):
         process: np.ndarray | None = None,
     ) -> tuple[MotionTerms, np.ndarray]:
         """Dynamics, and accelerations per torque (M, n, n) where only joints `moving` (M, n) move."""
-        found = terms(robot.arm, q, qd, robot.support.gravity, robot.support.center_of_mass, process)
+        result = terms(robot.arm, q, qd, robot.support.gravity, robot.support.center_of_mass, process)
         both = moving[:, :, None] & moving[:, None]
-        inertia = found.inertia * both
+        inertia = result.inertia * both
         inertia[:, np.arange(q.shape[1]), np.arange(q.shape[1])] += ~moving
-        return found, np.linalg.inv(inertia) * both
+        return result, np.linalg.inv(inertia) * both
 
 
 def _on_interface(
     robot: Robot,
     interface: int,
-    found: MotionTerms,
+    motion_terms: MotionTerms,
     q: np.ndarray,
     qd: np.ndarray,
     process: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The wrench (M, 6) on an interface without accelerations, weight included, and its slope over them."""
     if not interface:
-        return found.rest + robot.support.weight, found.per_acceleration
+        return motion_terms.rest + robot.support.weight, motion_terms.per_acceleration
     rest = wrenches_on(robot, interface, q, qd, 0 * q, process)
-    units = [np.broadcast_to(own, q.shape) for own in np.eye(robot.n)]
-    slopes = [wrenches_on(robot, interface, q, qd, own, process) - rest for own in units]
+    units = [np.broadcast_to(unit, q.shape) for unit in np.eye(robot.n)]
+    slopes = [wrenches_on(robot, interface, q, qd, unit, process) - rest for unit in units]
     return rest, np.stack(slopes, axis=2)
 
 
@@ -285,6 +285,6 @@ class Closing:
         n = self._robot.n
         moving = s[:, : 2 * n]
         q, qd = moving[:, :n], moving[:, n:]
-        found, inverse = BrakeCheck.response(self._robot, q, qd, torques != 0)
-        on_interface = _on_interface(self._robot, self._interface, found, q, qd)
-        return on_interface, inverse, moving, np.einsum("sij,sj->si", inverse, torques - found.bias)
+        result, inverse = BrakeCheck.response(self._robot, q, qd, torques != 0)
+        on_interface = _on_interface(self._robot, self._interface, result, q, qd)
+        return on_interface, inverse, moving, np.einsum("sij,sj->si", inverse, torques - result.bias)

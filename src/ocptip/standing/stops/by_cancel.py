@@ -122,8 +122,8 @@ def stop_states(
     keep = np.repeat((ends - begins > SHORTEST)[:, :, None], len(inside), axis=2)
     owner, phase, place = np.nonzero(keep)
     owner, phase, place = (
-        np.append(own, rest)
-        for own, rest in (
+        np.append(moving, rest)
+        for moving, rest in (
             (owner, np.arange(count)),
             (phase, np.full(count, n - 1)),
             (place, np.full(count, len(inside) - 1)),
@@ -185,8 +185,8 @@ class CancelSlopes:
         q, qd, qdd, *process = cs.vertsplit(s, sorted({0, n, 2 * n, 3 * n, size}))
         rests = sign * qd / rate
         after = cs.dot(weights, rests)
-        own = moves * after + (1 - moves) * rests
-        stopped = q + own * (qd - sign * rate * own / 2), moves * (qd - sign * rate * after)
+        slope = moves * after + (1 - moves) * rests
+        stopped = q + slope * (qd - sign * rate * slope / 2), moves * (qd - sign * rate * after)
         chosen = [sign, moves, weights]
         if deviations is None:
             state = *stopped, -moves * sign * rate, *process
@@ -241,17 +241,19 @@ class CancelCheck(StopCheck):
 
         Times are from the beginning of the deceleration.
         """
-        at = self._cancel.states(q, qd)
-        acting = of_owner(process, at.owner)
-        torques, wrenches = self._robot.loads(at.q, at.qd, at.qdd, acting)
+        states = self._cancel.states(q, qd)
+        acting = of_owner(process, states.owner)
+        torques, wrenches = self._robot.loads(states.q, states.qd, states.qdd, acting)
         if self._interface:
-            wrenches = wrenches_on(self._robot, self._interface, at.q, at.qd, at.qdd, acting)
+            wrenches = wrenches_on(self._robot, self._interface, states.q, states.qd, states.qdd, acting)
         loads = wrenches[:, None], torques[:, None]
-        postures = at.q[::-1], at.owner[::-1], at.after[::-1]
-        found = self._worst(q, at.owner, at.after, loads, (at.q[None], at.owner), postures)
-        np.maximum.at(found.rests, at.owner, at.after)
-        np.maximum.at(found.drives, at.owner, np.max(np.abs(torques) / self._robot.limits.torque, axis=1))
-        return found
+        postures = states.q[::-1], states.owner[::-1], states.after[::-1]
+        result = self._worst(q, states.owner, states.after, loads, (states.q[None], states.owner), postures)
+        np.maximum.at(result.rests, states.owner, states.after)
+        np.maximum.at(
+            result.drives, states.owner, np.max(np.abs(torques) / self._robot.limits.torque, axis=1)
+        )
+        return result
 
 
 def cancel_times(motion: Trajectory) -> np.ndarray:
@@ -278,15 +280,15 @@ def cancelled_motion(
         return check.stops(q, qd, acting.acting(times))
 
     times = cancel_times(motion)
-    found = stops(times)
+    result = stops(times)
     for _ in range(ROUNDS):
-        worst = np.argsort(-np.maximum(found.GN, found.GT), kind="stable")[:PEAKS]
+        worst = np.argsort(-np.maximum(result.GN, result.GT), kind="stable")[:PEAKS]
         left, right = times[np.maximum(worst - 1, 0)], times[np.minimum(worst + 1, len(times) - 1)]
         new = np.setdiff1d(np.linspace(left, right, 2 * FRESH + 3)[1:-1].ravel(), times)
         if not len(new):
             break
-        found = found.joined(stops(new))
+        result = result.joined(stops(new))
         times = np.concatenate([times, new])
         order = np.argsort(times)
-        times, found = times[order], found.some(order)
-    return times, found
+        times, result = times[order], result.some(order)
+    return times, result

@@ -126,12 +126,12 @@ class StopCheck:
         row, time = np.repeat(owner, wrenches.shape[1]), np.repeat(after, wrenches.shape[1])
         GN, GT = self._reserves(wrenches.reshape(-1, 6), row)
         worst = [np.zeros(count), np.zeros(count)]
-        for found, values in zip(worst, (GN, GT), strict=True):
-            np.maximum.at(found, row, values)
-        at, greatest = np.full(count, -1), np.maximum(*worst)
+        for result, values in zip(worst, (GN, GT), strict=True):
+            np.maximum.at(result, row, values)
+        scalars, greatest = np.full(count, -1), np.maximum(*worst)
         hit = np.flatnonzero(np.maximum(GN, GT) == greatest[row])[::-1]
-        at[row[hit]] = hit
-        known = at >= 0
+        scalars[row[hit]] = hit
+        known = scalars >= 0
         displacements, (angles, stop) = np.zeros((count, n)), reached
         np.maximum.at(displacements, stop, np.max(np.abs(angles - begun[stop]), axis=0))
         limits = self._robot.limits
@@ -141,9 +141,9 @@ class StopCheck:
         q, stop, when = (part[some] for part in postures)
         return JointStops(
             *worst,
-            after=np.where(known, time[at], 0.0),
-            wrenches=wrenches.reshape(-1, 6)[at],
-            torques=np.where(known[:, None], torques.reshape(-1, n)[at], 0.0),
+            after=np.where(known, time[scalars], 0.0),
+            wrenches=wrenches.reshape(-1, 6)[scalars],
+            torques=np.where(known[:, None], torques.reshape(-1, n)[scalars], 0.0),
             drives=np.zeros(count),
             rests=np.zeros(count),
             displacements=displacements,
@@ -158,10 +158,10 @@ class StopCheck:
         """The smallest distance of each of `count` stops in postures q (P, n), between what, and when."""
         clearances, pairs, after = np.full(count, np.inf), np.zeros(count, dtype=int), np.zeros(count)
         if self._robot.collision.labels and not self._interface:
-            found = self._robot.collision.nearest(q)
-            order = np.argsort(-found.distances, kind="stable")  # the nearest is written last
-            clearances[stop[order]] = found.distances[order]
-            pairs[stop[order]], after[stop[order]] = found.pairs[order], when[order]
+            result = self._robot.collision.nearest(q)
+            order = np.argsort(-result.distances, kind="stable")  # the nearest is written last
+            clearances[stop[order]] = result.distances[order]
+            pairs[stop[order]], after[stop[order]] = result.pairs[order], when[order]
         return {"clearances": clearances, "nearest": pairs, "nearest_after": after}
 
     def _reserves(self, wrenches: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

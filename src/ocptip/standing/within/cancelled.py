@@ -58,28 +58,33 @@ def _states(
     process = acting.acting(times)
     q, qd, _ = motion.states(times)
     rate = cancel.rates(qd)
-    at = cancel.states(q, qd)
-    own = np.hstack([at.q, at.qd, at.qdd, process[at.owner]])
-    since = at.after[:, None] - np.where(at.qdd != 0, 0.0, (np.abs(qd) / rate)[at.owner])
-    words = [_after(after) for after in at.after.tolist()]
-    found = DelayedStates(own, times[at.owner], np.clip(since, 0.0, events.delay), words)
+    states = cancel.states(q, qd)
+    rows_of_states = np.hstack([states.q, states.qd, states.qdd, process[states.owner]])
+    since = states.after[:, None] - np.where(states.qdd != 0, 0.0, (np.abs(qd) / rate)[states.owner])
+    words = [_after(after) for after in states.after.tolist()]
+    delayed_states = DelayedStates(
+        rows_of_states, times[states.owner], np.clip(since, 0.0, events.delay), words
+    )
     if not (events.delay or events.more):
-        return found
-    rows = np.flatnonzero(at.before | (at.after == 0))
-    stop, when = at.owner[rows], at.after[rows]
+        return delayed_states
+    rows = np.flatnonzero(states.before | (states.after == 0))
+    stop, when = states.owner[rows], states.after[rows]
     options = _options(events, times[stop], when, rate[stop])
     if functions[0] == cases.axes:
         rows, number = slipping(options, cases, process[stop])
     else:
         number, values = chosen_by_slopes(options, cases, process[stop], functions)
         worst = np.argsort(-values, axis=0, kind="stable")[:EXACT].T  # (F, EXACT)
-        rows, number = worst.ravel(), np.concatenate([number[own, k] for k, own in enumerate(worst)])
+        rows, number = (
+            worst.ravel(),
+            np.concatenate([number[rows_of_states, k] for k, rows_of_states in enumerate(worst)]),
+        )
     chosen = options[rows[:, None], np.arange(options.shape[1]), number]
     s = np.hstack(
         [chosen[..., :3].transpose(0, 2, 1).reshape(len(rows), 3 * options.shape[1]), process[stop[rows]]]
     )
     step = [f"{_after(float(when[row]))}, joints delayed or overshooting" for row in rows]
-    return found.joined(DelayedStates(s, times[stop[rows]], chosen[..., 3], step))
+    return delayed_states.joined(DelayedStates(s, times[stop[rows]], chosen[..., 3], step))
 
 
 def _after(seconds: float) -> str:
@@ -140,16 +145,16 @@ def _options(events: Events, begun: np.ndarray, when: np.ndarray, rate: np.ndarr
         options.append(np.stack([*there, before, max_delay], axis=-1))
         given.append(known)
     if events.more:
-        own = np.where(known, step, 0.0)
-        sums = np.cumsum(own, axis=1)
+        indices = np.where(known, step, 0.0)
+        sums = np.cumsum(indices, axis=1)
         for extreme in (np.maximum, np.minimum):
-            more = events.more * (sums - extreme.accumulate(sums - own, axis=1))
+            more = events.more * (sums - extreme.accumulate(sums - indices, axis=1))
             options.append(np.stack([*there, before + step + more, np.zeros_like(more)], axis=-1))
             given.append(known)
-    found, known = np.concatenate(options, axis=1), np.concatenate(given, axis=1)
-    acceleration = np.where(known, found[..., 2], np.inf)
+    result, known = np.concatenate(options, axis=1), np.concatenate(given, axis=1)
+    acceleration = np.where(known, result[..., 2], np.inf)
     rank = np.argsort(np.argsort(acceleration, axis=1, kind="stable"), axis=1)
     known &= (rank < _MOST) | (rank >= np.sum(known, axis=1, keepdims=True) - _MOST)
     order = np.argsort(~known, axis=1, kind="stable")[:, : int(np.max(np.sum(known, axis=1)))]
-    found = np.where(known[..., None], found, np.nan)
-    return np.take_along_axis(found, order[..., None], axis=1).swapaxes(1, 2)
+    result = np.where(known[..., None], result, np.nan)
+    return np.take_along_axis(result, order[..., None], axis=1).swapaxes(1, 2)

@@ -137,14 +137,14 @@ def _smallest(case: Callable[[float], LoadedBase]) -> float | None:
         return case(factor).tip()[0] < _LOST
 
     def keeps_contacts(factor: float) -> bool:
-        own = case(factor)
-        return own.tip()[0] < _LOST and own.slip()[0] < _LOST
+        values = case(factor)
+        return values.tip()[0] < _LOST and values.slip()[0] < _LOST
 
     # Tipping is a closed form and decides nearly always; slip takes a search, so it is asked last.
-    found = _bisected(stands_upright, 1 / MOST)
-    if found is None or keeps_contacts(found):
-        return found
-    return _bisected(keeps_contacts, found)
+    result = _bisected(stands_upright, 1 / MOST)
+    if result is None or keeps_contacts(result):
+        return result
+    return _bisected(keeps_contacts, result)
 
 
 def _bisected(kept: Callable[[float], bool], low: float) -> float | None:

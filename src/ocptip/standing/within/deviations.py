@@ -53,7 +53,7 @@ class Deviations:
     @property
     def size(self) -> int:
         """Number of deviations."""
-        return max((at.stop for at in self.places.values()), default=0)
+        return max((place.stop for place in self.places.values()), default=0)
 
     def within(self, tolerance: Uncertainty) -> Deviations:
         """The deviations within another uncertainty, of at most these quantities; nothing is rebuilt."""
@@ -64,12 +64,12 @@ class Deviations:
     def loaded(self, factors: np.ndarray) -> Deviations:
         """The same of N states whose payload has its mass times factors (N,), which is then nominal."""
         _ = self.wrench, self._first  # made once, they serve all copies
-        other, at = copy(self), self.places["payload_mass"]
+        other, place = copy(self), self.places["payload_mass"]
         other._nominal = np.zeros((len(factors), self.size))
-        other._nominal[:, at] = factors[:, None] - 1
+        other._nominal[:, place] = factors[:, None] - 1
         ends = [np.tile(end, (len(factors), 1)) for end in (self.low, self.high)]
         for end in ends:
-            end[:, at] = factors[:, None] * (1 + end[:, at]) - 1
+            end[:, place] = factors[:, None] * (1 + end[:, place]) - 1
         other.low, other.high = ends
         return other
 
@@ -103,45 +103,52 @@ class Deviations:
         self._nominal: np.ndarray | None = None
         self._gravity: np.ndarray = self.robot.support.gravity
         self.low, self.high = np.zeros(self.size), np.zeros(self.size)
-        for name, at in self.places.items():
+        for name, place in self.places.items():
             if name in ends:
-                self.low[at], self.high[at] = ends[name]
-        intervals = [at for name, at in self.places.items() if name not in _FREE]
-        self.intervals = np.array([i for at in intervals for i in range(at.start, at.stop)], dtype=int)
+                self.low[place], self.high[place] = ends[name]
+        intervals = [place for name, place in self.places.items() if name not in _FREE]
+        self.intervals = np.array(
+            [i for place in intervals for i in range(place.start, place.stop)], dtype=int
+        )
 
-    def _ends(self, own: Uncertainty) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    def _ends(self, uncertainty: Uncertainty) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Ends of the intervals of what is uncertain; zeros for tilts and pushes."""
         robot, payload = self.robot, self.robot.payload
-        mass = np.array(own.masses(robot.support.mass)) / robot.support.mass - 1
-        links, held = np.full(len(robot.arm.masses), own.arm_mass), np.full(1, own.payload_mass)
-        base, inside = np.asarray(own.center_of_mass), np.asarray(own.payload_center)
-        pace, late = (1 + np.array([-1, 1]) * own.speed) ** 2 - 1, own.late
+        mass = np.array(uncertainty.masses(robot.support.mass)) / robot.support.mass - 1
+        links, held = (
+            np.full(len(robot.arm.masses), uncertainty.arm_mass),
+            np.full(1, uncertainty.payload_mass),
+        )
+        base, inside = np.asarray(uncertainty.center_of_mass), np.asarray(uncertainty.payload_center)
+        pace, late = (1 + np.array([-1, 1]) * uncertainty.speed) ** 2 - 1, uncertainty.late
         ends = {
             "base_mass": (mass[:1], mass[-1:]),
             "arm_mass": (-links, links),
             **({"payload_mass": (-held, held), "payload_center": (-inside, inside)} if payload else {}),
-            "extra_mass": (np.zeros(1), np.full(1, own.extra_mass)),
+            "extra_mass": (np.zeros(1), np.full(1, uncertainty.extra_mass)),
             "center_of_mass": (-base, base),
             "speed": (pace[:1], pace[1:]),
             "delay": (np.zeros(robot.n), np.full(robot.n, late)),
         }
         if self.carried:
             count = len(self.carried.bodies)
-            bodies, inside = np.full(count, own.payload_mass), np.tile(inside, count)
+            bodies, inside = np.full(count, uncertainty.payload_mass), np.tile(inside, count)
             ends = {"payload_mass": (-bodies, bodies), "payload_center": (-inside, inside)} | {
                 name: ends[name] for name in ("speed", "delay")
             }
         if robot.drive_profile is not None:
-            ends["drive_speed"] = tuple(np.array([(1 + k * own.drive_speed) ** 2 - 1]) for k in (-1, 1))
-        found = {
+            ends["drive_speed"] = tuple(
+                np.array([(1 + k * uncertainty.drive_speed) ** 2 - 1]) for k in (-1, 1)
+            )
+        table = {
             name: pair
             for name, pair in ends.items()
             if np.any(pair) or name == "extra_mass" or (self.carried and name == "payload_mass")
         }  # one at least
-        pushes = {} if self.carried else {"push": own.push, "base_push": own.base_push}
-        sizes = {"gravity": own.tilt, **pushes}
+        pushes = {} if self.carried else {"push": uncertainty.push, "base_push": uncertainty.base_push}
+        sizes = {"gravity": uncertainty.tilt, **pushes}
         sizes["gravity"] += robot.drive_profile is not None  # see `on_slopes`
-        return found | {name: (np.zeros(3), np.zeros(3)) for name, size in sizes.items() if size}
+        return table | {name: (np.zeros(3), np.zeros(3)) for name, size in sizes.items() if size}
 
     # --- physics ------------------------------------------------------------------------------------------
 
@@ -241,19 +248,21 @@ class Deviations:
 
     def least(self, slopes: np.ndarray, max_delay: np.ndarray | None = None) -> np.ndarray:
         """Deviations (N, size) at which slopes (N, size) . theta is minimal; room as in `greatest`."""
-        theta, own = self.nominal(len(slopes)), self.intervals
-        low, high = self.low[..., own], self.greatest(max_delay)[..., own]
-        size = np.maximum(np.abs(low - theta[:, own]), np.abs(high - theta[:, own]))
-        change = np.abs(slopes[:, own]) * size
+        theta, intervals = self.nominal(len(slopes)), self.intervals
+        low, high = self.low[..., intervals], self.greatest(max_delay)[..., intervals]
+        size = np.maximum(np.abs(low - theta[:, intervals]), np.abs(high - theta[:, intervals]))
+        change = np.abs(slopes[:, intervals]) * size
         # Deviations without influence stay nominal, so that reports name only those that matter.
         matters = change > _NOTHING * np.max(change, axis=1, initial=1e-300)[:, None]
-        theta[:, own] = np.where(matters, np.where(slopes[:, own] > 0, low, high), theta[:, own])
+        theta[:, intervals] = np.where(
+            matters, np.where(slopes[:, intervals] > 0, low, high), theta[:, intervals]
+        )
         for name, most in (("push", self.tolerance.push), ("base_push", self.tolerance.base_push)):
             if name in self.places:
                 theta[:, self.places[name]] = -most * _unit(slopes[:, self.places[name]])
         if "gravity" in self.places:
-            at = self.places["gravity"]
-            theta[:, at] += least_tilt(slopes[:, at], self._gravity, self.tolerance.tilt)
+            place = self.places["gravity"]
+            theta[:, place] += least_tilt(slopes[:, place], self._gravity, self.tolerance.tilt)
         return theta
 
     def missed(
@@ -269,24 +278,24 @@ class Deviations:
         span = np.broadcast_to(self.greatest(max_delay) - self.low, theta.shape).copy()
         for name, most in self.radii.items():
             span[:, self.places[name]] = 2 * most
-        own = self.intervals
-        inward = np.where(theta[:, own] <= self.low[own], 1.0, -1.0) * slopes[:, own]
+        intervals = self.intervals
+        inward = np.where(theta[:, intervals] <= self.low[intervals], 1.0, -1.0) * slopes[:, intervals]
         # Second derivatives over the whole span bound how much a slope can change, hence what another end may
         # gain.
         lost = 0.5 * np.einsum("nij,nj->ni", bend, span)
-        rest = np.minimum(inward - lost[:, own], 0.0) * span[:, own]
-        found = -np.sum(rest, axis=1)
+        rest = np.minimum(inward - lost[:, intervals], 0.0) * span[:, intervals]
+        result = -np.sum(rest, axis=1)
         for name, most in self.radii.items():
-            at = self.places[name]
-            size = np.maximum(np.linalg.norm(slopes[:, at], axis=1), 1e-300)
-            turn = np.linalg.norm(lost[:, at], axis=1)
-            found += most * np.where(turn > 2 * size, 2 * (turn - size), turn**2 / (2 * size))
-        return found
+            place = self.places[name]
+            size = np.maximum(np.linalg.norm(slopes[:, place], axis=1), 1e-300)
+            turn = np.linalg.norm(lost[:, place], axis=1)
+            result += most * np.where(turn > 2 * size, 2 * (turn - size), turn**2 / (2 * size))
+        return result
 
     @property
     def radii(self) -> dict[str, float]:
-        own, size = self.tolerance, float(np.linalg.norm(self.robot.support.gravity))
-        radii = {"gravity": size * own.tilt, "push": own.push, "base_push": own.base_push}
+        tolerance, size = self.tolerance, float(np.linalg.norm(self.robot.support.gravity))
+        radii = {"gravity": size * tolerance.tilt, "push": tolerance.push, "base_push": tolerance.base_push}
         return {name: most for name, most in radii.items() if name in self.places}
 
     @property
@@ -298,45 +307,45 @@ class Deviations:
 
     def words(self, theta: np.ndarray) -> str:
         """Deviations (size,) from a base at rest by name: "tilt 0.5 deg towards -y, payload +0.1 kg"."""
-        found = []
-        parts = {name: theta[at] for name, at in self.places.items()}
+        results = []
+        parts = {name: theta[place] for name, place in self.places.items()}
         if np.any(change := parts.get("gravity", np.zeros(3))):
             gravity = self.robot.support.gravity
             new = gravity + change
             angle = np.degrees(np.arctan2(np.linalg.norm(np.cross(gravity, new)), gravity @ new))
             down = gravity / np.linalg.norm(gravity)
-            found.append(f"tilt {angle:.3g} deg {towards(change - (change @ down) * down)}")
+            results.append(f"tilt {angle:.3g} deg {towards(change - (change @ down) * down)}")
         for name, word in _MASSES.items():
             shares = np.round(parts.get(name, np.zeros(0)), 9)
             for share in dict.fromkeys(shares[shares != 0].tolist()):
                 off = np.flatnonzero(shares == share)
-                own = [f"{k + 1}" for k in off]
-                which = f"{word}{'s' * (len(own) > 1)} {', '.join(own)}" if len(shares) > 1 else word
+                numbers = [f"{k + 1}" for k in off]
+                which = f"{word}{'s' * (len(numbers) > 1)} {', '.join(numbers)}" if len(shares) > 1 else word
                 if name == "payload_mass":
                     which = ", ".join(self._bodies[k] for k in off)
-                found.append(f"{which} {100 * share:+.3g} %")
+                results.append(f"{which} {100 * share:+.3g} %")
         if np.any(mass := parts.get("extra_mass", np.zeros(1))):
-            found.append(f"{float(mass[0]):.3g} kg more at the TCP")
+            results.append(f"{float(mass[0]):.3g} kg more at the TCP")
         centers = {"base's": parts.get("center_of_mass", np.zeros(3))}
         shifts = parts.get("payload_center", np.zeros(3 * len(self._bodies))).reshape(-1, 3)
         centers |= {f"{name}'s": shift for name, shift in zip(self._bodies, shifts, strict=True)}
         for whose, shift in centers.items():
             moved = zip("xyz", shift, strict=True)
-            found += [f"{whose} centre {1e3 * by:+.3g} mm in {axis}" for axis, by in moved if by]
+            results += [f"{whose} centre {1e3 * by:+.3g} mm in {axis}" for axis, by in moved if by]
         for name, who in (("speed", ""), ("drive_speed", "base ")):
             if np.any(pace := parts.get(name, np.zeros(1))):
                 change = float(np.sqrt(1 + pace[0]) - 1)
-                found.append(f"{who}{100 * abs(change):.3g} % {'faster' if change > 0 else 'slower'}")
+                results.append(f"{who}{100 * abs(change):.3g} % {'faster' if change > 0 else 'slower'}")
         late = np.round(np.minimum(parts.get("delay", np.zeros(0)), self.tolerance.delay), 6)
         for delay in dict.fromkeys(late[late > 0].tolist()):
             joints = ", ".join(f"{j + 1}" for j in np.flatnonzero(late == delay))
-            found.append(f"joint{'s' * (',' in joints)} {joints} delayed by {1e3 * delay:.3g} ms")
+            results.append(f"joint{'s' * (',' in joints)} {joints} delayed by {1e3 * delay:.3g} ms")
         for name, word in (("push", "gripper"), ("base_push", "base")):
             if np.any(force := parts.get(name, np.zeros(3))):
-                found.append(f"push of {np.linalg.norm(force):.3g} N at the {word} {towards(force)}")
+                results.append(f"push of {np.linalg.norm(force):.3g} N at the {word} {towards(force)}")
         if self.tolerance.friction:
-            found.append(f"friction {-100 * self.tolerance.friction:.3g} %")
-        return ", ".join(found)
+            results.append(f"friction {-100 * self.tolerance.friction:.3g} %")
+        return ", ".join(results)
 
 
 _FREE = ("gravity", "push", "base_push")

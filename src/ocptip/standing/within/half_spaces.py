@@ -63,10 +63,10 @@ def farthest(
         slopes = deviations.state_slopes(np.repeat(s, 6, axis=0), theta, every)[0]
         slopes = slopes.reshape(count, 6, s.shape[1])[:, :, : 3 * n].reshape(count, 6, 3, n)
         moved = np.einsum("dwcj,djkc->dwjk", slopes, options[..., :3] - here[:, :, None, :3])
-    late, at = np.zeros((count, 6, n)), deviations.places.get("delay")
-    if at is not None:
-        late, over = over[:, :, at].copy(), over.copy()
-        over[:, :, at] = 0.0  # the maximum delay is that of a case
+    late, delay_place = np.zeros((count, 6, n)), deviations.places.get("delay")
+    if delay_place is not None:
+        late, over = over[:, :, delay_place].copy(), over.copy()
+        over[:, :, delay_place] = 0.0  # the maximum delay is that of a case
     max_delay = np.nan_to_num(options[..., 3])
     middle, half, radii = _intervals(deviations, count)
     usually = wrenches @ planes.T
@@ -83,19 +83,19 @@ def farthest(
 
     parts = []
     for k in range(0, max(len(near), 1), _CHUNK):
-        own = near[k : k + _CHUNK]
-        some = np.flatnonzero(np.any(able[own], axis=0))
-        change = planes[some] @ over[own]  # (C, m, size)
-        values = usually[np.ix_(own, some)] + (change @ middle[own, :, None])[..., 0]
-        values += (np.abs(change) @ half[own, :, None])[..., 0]
+        chunk = near[k : k + _CHUNK]
+        some = np.flatnonzero(np.any(able[chunk], axis=0))
+        change = planes[some] @ over[chunk]  # (C, m, size)
+        values = usually[np.ix_(chunk, some)] + (change @ middle[chunk, :, None])[..., 0]
+        values += (np.abs(change) @ half[chunk, :, None])[..., 0]
         for name, radius in radii.items():
             values += radius * np.linalg.norm(change[:, :, deviations.places[name]], axis=2)
-        gains = _gains(planes[some], moved[own], late[own], max_delay[own])
+        gains = _gains(planes[some], moved[chunk], late[chunk], max_delay[chunk])
         values += np.sum(np.max(gains, axis=3), axis=2)
-        values = np.maximum(values, usually[np.ix_(own, some)])  # but for rounding
+        values = np.maximum(values, usually[np.ix_(chunk, some)])  # but for rounding
         best = np.argsort(-values, axis=1, kind="stable")[:, :most]
-        i, rank = np.nonzero(np.take_along_axis(values, best, axis=1) >= least[own, None])
-        parts.append((own[i], some[best[i, rank]], values[i, best[i, rank]]))
+        i, rank = np.nonzero(np.take_along_axis(values, best, axis=1) >= least[chunk, None])
+        parts.append((chunk[i], some[best[i, rank]], values[i, best[i, rank]]))
     instants, numbers, values = (np.concatenate(part) for part in zip(*parts, strict=True))
 
     a = planes[numbers]
@@ -103,9 +103,9 @@ def farthest(
     number = np.argmax(gains, axis=2)
     slopes = np.einsum("pw,pwt->pt", a, over[instants])
     theta = deviations.some(instants).least(-slopes, np.zeros((len(instants), n)))
-    if at is not None:
+    if delay_place is not None:
         worse = np.einsum("pw,pwj->pj", a, late[instants]) > 0
-        theta[:, at] = worse * max_delay[instants[:, None], np.arange(n), number]
+        theta[:, delay_place] = worse * max_delay[instants[:, None], np.arange(n), number]
     return Beyond(instants, numbers, number, theta, values)
 
 
@@ -118,9 +118,9 @@ def selected(
     options: np.ndarray, row: np.ndarray, number: np.ndarray, acting: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Options (R, n, 4) of instants (R,) by numbers (R, n), and the states (R, 3 n or more) of these."""
-    found = options[row[:, None], np.arange(options.shape[1]), number]
-    states = found[..., :3].transpose(0, 2, 1).reshape(len(row), 3 * options.shape[1])
-    return found, np.hstack([states, acting[row]])
+    option = options[row[:, None], np.arange(options.shape[1]), number]
+    states = option[..., :3].transpose(0, 2, 1).reshape(len(row), 3 * options.shape[1])
+    return option, np.hstack([states, acting[row]])
 
 
 def _gains(planes: np.ndarray, moved: np.ndarray, late: np.ndarray, max_delay: np.ndarray) -> np.ndarray:
@@ -142,8 +142,8 @@ def _intervals(deviations: Deviations, count: int) -> tuple[np.ndarray, np.ndarr
 
     The radius of gravity is that of a ball around the cap of a tilt.
     """
-    nominal, own = deviations.nominal(count), deviations.intervals
+    nominal, intervals = deviations.nominal(count), deviations.intervals
     middle, half = np.zeros_like(nominal), np.zeros_like(nominal)
-    low, high = deviations.low[..., own], deviations.high[..., own]
-    middle[:, own], half[:, own] = (low + high) / 2 - nominal[:, own], (high - low) / 2
+    low, high = deviations.low[..., intervals], deviations.high[..., intervals]
+    middle[:, intervals], half[:, intervals] = (low + high) / 2 - nominal[:, intervals], (high - low) / 2
     return middle, half, deviations.radii

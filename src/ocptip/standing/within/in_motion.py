@@ -70,10 +70,10 @@ class WorstInstant:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        own = dict(vars(self))
-        if not np.isfinite(own["factor"]):
-            del own["factor"]
-        return own
+        data = dict(vars(self))
+        if not np.isfinite(data["factor"]):
+            del data["factor"]
+        return data
 
 
 @dataclass(frozen=True)
@@ -153,8 +153,8 @@ class WithinTolerance:
         named = {name: force and force.to_dict() for name, force in forces.items()}
         exact = {"exact_springs": True} if self.exact_springs else {}
         objects = {
-            name: {key: worst and worst.to_dict() for key, worst in own.items()}
-            for name, own in self.objects.items()
+            name: {key: worst and worst.to_dict() for key, worst in part.items()}
+            for name, part in self.objects.items()
         }
         carried = {"objects": objects} if objects else {}
         return {"tolerance": given, **parts, "states": self.states, **named, **exact, **carried}
@@ -177,11 +177,11 @@ def worst_within(
     return worst_of_cases(worst_cases_of(robot, tolerance), motion, times)
 
 
-def worst_of_sampled(at: Sampled, tolerance: Uncertainty) -> WithinTolerance:
+def worst_of_sampled(sampled: Sampled, tolerance: Uncertainty) -> WithinTolerance:
     """The worst values of a sampled motion within an uncertainty, computed once for all limits."""
-    if tolerance not in at.memo:
-        at.memo[tolerance] = worst_within(at.robot, at.motion, tolerance, at.times)
-    return at.memo[tolerance]
+    if tolerance not in sampled.memo:
+        sampled.memo[tolerance] = worst_within(sampled.robot, sampled.motion, tolerance, sampled.times)
+    return sampled.memo[tolerance]
 
 
 def worst_of_cases(interfaces: Sequence[WorstCase], motion: Trajectory, times: np.ndarray) -> WithinTolerance:
@@ -191,13 +191,13 @@ def worst_of_cases(interfaces: Sequence[WorstCase], motion: Trajectory, times: n
     acting = cases.deviations.robot.during(motion)
     torque = _worst_torque(acting, motion, tolerance, times)
     gap = _smallest_gap(acting, motion, tolerance, times)
-    exact, found = acting.arm.has_springs and not tolerance.springs, worst_contacts(cases, motion, times)
+    exact, result = acting.arm.has_springs and not tolerance.springs, worst_contacts(cases, motion, times)
     objects = {}
-    for own in of_objects:
-        contacts = worst_contacts(own, motion, times)
-        objects[own.footing.name] = {name: contacts[name] for name in ("tip", "slip")}
+    for of_object in of_objects:
+        contacts = worst_contacts(of_object, motion, times)
+        objects[of_object.footing.name] = {name: contacts[name] for name in ("tip", "slip")}
     return WithinTolerance(
-        tolerance=tolerance, torque=torque, gap=gap, exact_springs=exact, objects=objects, **found
+        tolerance=tolerance, torque=torque, gap=gap, exact_springs=exact, objects=objects, **result
     )
 
 
@@ -223,33 +223,35 @@ def worst_contacts(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> d
     }
 
 
-def worst_tip_of(cases: WorstCase, at: DelayedStates) -> WorstInstant:
+def worst_tip_of(cases: WorstCase, states: DelayedStates) -> WorstInstant:
     """The worst of some states for tip-over."""
-    return _worst_tip(cases, at.some(np.argsort(-_least_moments(cases, at), kind="stable")[:EXACT]))
+    return _worst_tip(cases, states.some(np.argsort(-_least_moments(cases, states), kind="stable")[:EXACT]))
 
 
-def worst_slip_of(cases: WorstCase, at: DelayedStates) -> WorstInstant | None:
+def worst_slip_of(cases: WorstCase, states: DelayedStates) -> WorstInstant | None:
     """The maximum GT of delayed states within the uncertainty; the most critical ones exactly.
 
     None where it is at most `WorstCase.enough`.
     """
-    bad = _greatest_slips(cases, at)
+    bad = _greatest_slips(cases, states)
     if np.max(known(bad)) <= cases.enough:
         return None
-    return _worst_slip(cases, at.some(np.argsort(-bad, kind="stable")[:EXACT]))
+    return _worst_slip(cases, states.some(np.argsort(-bad, kind="stable")[:EXACT]))
 
 
-def _least_if_alike(cases: WorstCase, at: DelayedStates) -> Margin | None:
+def _least_if_alike(cases: WorstCase, states: DelayedStates) -> Margin | None:
     """Minimum normal force of a foot if all gave alike, by slopes over the deviations."""
     if (shares := equal_normal_map(cases.footing.support)) is None:
         return None
-    wrenches, over = cases.deviations.wrench_and_slopes(at.s, np.zeros((len(at.s), cases.deviations.size)))
+    wrenches, over = cases.deviations.wrench_and_slopes(
+        states.s, np.zeros((len(states.s), cases.deviations.size))
+    )
     forces = wrenches @ shares.T
     for k, share in enumerate(shares):
         change = np.einsum("w,nwt->nt", share, over)
-        forces[:, k] += np.einsum("nt,nt->n", change, cases.deviations.least(change, at.max_delay))
+        forces[:, k] += np.einsum("nt,nt->n", change, cases.deviations.least(change, states.max_delay))
     row, foot = np.unravel_index(np.argmin(forces), forces.shape)
-    return Margin(float(forces[row, foot]), float(at.times[row]), (int(foot) + 1,))
+    return Margin(float(forces[row, foot]), float(states.times[row]), (int(foot) + 1,))
 
 
 def _least_foot_force(
@@ -271,19 +273,21 @@ def _least_foot_force(
         return None
     distances = np.abs(tip_over.lifts).sum(axis=1)
 
-    def pressed_least(cases: WorstCase, at: DelayedStates) -> np.ndarray:
-        return -np.min(cases.estimated_moments(at.s, at.max_delay) / distances, axis=1)
+    def pressed_least(cases: WorstCase, states: DelayedStates) -> np.ndarray:
+        return -np.min(cases.estimated_moments(states.s, states.max_delay) / distances, axis=1)
 
-    at = _refined(cases, motion, acting, delayed, pressed_least)[0]
-    rows, axes = _every_axis(cases, at)
-    forces = cases.moments(at.s[rows], axes, max_delay=at.max_delay[rows]).values / distances[axes]
+    instants = _refined(cases, motion, acting, delayed, pressed_least)[0]
+    rows, axes = _every_axis(cases, instants)
+    forces = (
+        cases.moments(instants.s[rows], axes, max_delay=instants.max_delay[rows]).values / distances[axes]
+    )
     k = int(np.argmin(forces))
-    return Margin(float(forces[k]), float(at.times[rows[k]]), (int(np.argmax(lifted[axes[k]])) + 1,))
+    return Margin(float(forces[k]), float(instants.times[rows[k]]), (int(np.argmax(lifted[axes[k]])) + 1,))
 
 
-def _every_axis(cases: WorstCase, at: DelayedStates) -> tuple[np.ndarray, np.ndarray]:
+def _every_axis(cases: WorstCase, states: DelayedStates) -> tuple[np.ndarray, np.ndarray]:
     """Row and axis of every pair of a state and a tipping axis."""
-    count = len(at.times)
+    count = len(states.times)
     return np.repeat(np.arange(count), cases.axes), np.tile(np.arange(cases.axes), count)
 
 
@@ -295,16 +299,16 @@ def _smallest_gap(
     """
     if not tolerance.late or not robot.collision.labels:
         return None
-    every, found = np.unique(times), None
+    every, gap = np.unique(times), None
     for _ in range(1 + NEARER):
-        at, pairs, gaps, late = _late_gaps(robot, motion, tolerance.late, times)
+        where, pairs, gaps, late = _late_gaps(robot, motion, tolerance.late, times)
         k = int(np.argmin(gaps))
-        if found is None or gaps[k] < found.value:
+        if gap is None or gaps[k] < gap.value:
             joints = tuple(int(j) + 1 for j in np.flatnonzero(late[k]))
-            found = WorstGap(float(gaps[k]), float(at[k]), str(robot.collision.labels[pairs[k]]), joints)
-        times = _around(every, at[np.argsort(gaps)[:PEAKS]])
+            gap = WorstGap(float(gaps[k]), float(where[k]), str(robot.collision.labels[pairs[k]]), joints)
+        times = _around(every, where[np.argsort(gaps)[:PEAKS]])
         every = np.unique(np.concatenate([every, times]))
-    return found
+    return gap
 
 
 def _late_gaps(
@@ -324,9 +328,9 @@ def _late_gaps(
     number, least, late = np.arange(len(rows)), near[likely], middle[rows]
     for _ in range(NEARER):
         q = middle[rows] - np.sign(slopes) * half[rows]
-        found, slopes = robot.collision.slopes(q, number, pairs, once=True)
-        late = np.where((found < least)[:, None], q, late)
-        least = np.minimum(found, least)
+        result, slopes = robot.collision.slopes(q, number, pairs, once=True)
+        late = np.where((result < least)[:, None], q, late)
+        least = np.minimum(result, least)
     return times[rows], pairs, least, np.abs(late - places[rows, 0]) > ON_TIME
 
 
@@ -348,25 +352,25 @@ def _some(times: np.ndarray, events: np.ndarray) -> np.ndarray:
 
 
 def _worst_torque(robot: Robot, motion: Trajectory, tolerance: Uncertainty, times: np.ndarray) -> WorstTorque:
-    found = WorstTorque(0.0, 0.0, 1)
+    worst = WorstTorque(0.0, 0.0, 1)
     every = times = _some(np.unique(times), motion.event_times)
     for _ in range(1 + NEARER):
         most = maximum_torques(robot, tolerance, *motion.states(times), robot.acting(times))
         shares = (most / robot.limits.torque).T
         joint, k = np.unravel_index(np.argmax(shares), shares.shape)
-        if shares[joint, k] > found.value:
-            found = WorstTorque(float(shares[joint, k]), float(times[k]), int(joint) + 1)
+        if shares[joint, k] > worst.value:
+            worst = WorstTorque(float(shares[joint, k]), float(times[k]), int(joint) + 1)
         times = _around(every, times[np.argsort(-np.max(shares, axis=0))[:PEAKS]])
         every = np.unique(np.concatenate([every, times]))
-    return found
+    return worst
 
 
-def _least_moments(cases: WorstCase, at: DelayedStates) -> np.ndarray:
-    return -np.min(cases.estimated_moments(at.s, at.max_delay), axis=1)
+def _least_moments(cases: WorstCase, states: DelayedStates) -> np.ndarray:
+    return -np.min(cases.estimated_moments(states.s, states.max_delay), axis=1)
 
 
-def _greatest_slips(cases: WorstCase, at: DelayedStates) -> np.ndarray:
-    return cases.greatest_slips(at.s, at.max_delay)
+def _greatest_slips(cases: WorstCase, states: DelayedStates) -> np.ndarray:
+    return cases.greatest_slips(states.s, states.max_delay)
 
 
 def _refined(
@@ -389,37 +393,41 @@ def _refined(
     return delayed.some(np.argsort(-bad, kind="stable")[:EXACT]), bad
 
 
-def _worst_tip(cases: WorstCase, at: DelayedStates) -> WorstInstant:
-    rows, axes = _every_axis(cases, at)
-    found = cases.moments(at.s[rows], axes, max_delay=at.max_delay[rows])
-    k = int(np.argmin(found.values))
-    row, state, max_delay = int(rows[k]), at.s[rows[k : k + 1]], at.max_delay[rows[k : k + 1]]
-    theta, slopes = found.theta[k : k + 1], found.slopes[k : k + 1]
+def _worst_tip(cases: WorstCase, states: DelayedStates) -> WorstInstant:
+    rows, axes = _every_axis(cases, states)
+    result = cases.moments(states.s[rows], axes, max_delay=states.max_delay[rows])
+    k = int(np.argmin(result.values))
+    row, state, max_delay = int(rows[k]), states.s[rows[k : k + 1]], states.max_delay[rows[k : k + 1]]
+    theta, slopes = result.theta[k : k + 1], result.slopes[k : k + 1]
     missed = float(cases.deviations.missed(state, theta, slopes, max_delay)[0])
-    moment = float(found.values[k])
+    moment = float(result.values[k])
     first, second = sorted(c + 1 for c in cases.footing.tip_over.axes[axes[k]].contacts)
     left = f"tipping margin {margin_text(moment, 'N m')} about contacts {first} and {second}"
     left += _kept(cases, state, theta)
     value, bound = (float(cases.tip_ratio(np.array(m))) for m in (moment, moment - missed))
-    return WorstInstant(value, float(at.times[row]), _how(cases, found, k, at.words[row]), left, bound)
+    return WorstInstant(
+        value, float(states.times[row]), _how(cases, result, k, states.words[row]), left, bound
+    )
 
 
-def _worst_slip(cases: WorstCase, at: DelayedStates) -> WorstInstant:
-    found = cases.slip(at.s, max_delay=at.max_delay)
-    at = at.some(np.argsort(-found.values, kind="stable")[:FROM_MORE])
-    found = cases.slip(at.s, STARTS, max_delay=at.max_delay)
-    k = int(np.argmax(found.values))
-    value, state, theta = float(found.values[k]), at.s[k : k + 1], found.theta[k : k + 1]
+def _worst_slip(cases: WorstCase, states: DelayedStates) -> WorstInstant:
+    result = cases.slip(states.s, max_delay=states.max_delay)
+    states = states.some(np.argsort(-result.values, kind="stable")[:FROM_MORE])
+    result = cases.slip(states.s, STARTS, max_delay=states.max_delay)
+    k = int(np.argmax(result.values))
+    value, state, theta = float(result.values[k]), states.s[k : k + 1], result.theta[k : k + 1]
     used, factor = f"{100 * value:.3g} %", value
     if value > 1:
         demand = FrictionDemand.of(cases.footing.support, cases.deviations.wrench(state, theta)[0][0])
         used, factor = demand.used, demand.factor
     left = f"friction used {used}{_kept(cases, state, theta)}"
-    return WorstInstant(value, float(at.times[k]), _how(cases, found, k, at.words[k]), left, None, factor)
+    return WorstInstant(
+        value, float(states.times[k]), _how(cases, result, k, states.words[k]), left, None, factor
+    )
 
 
-def _how(cases: WorstCase, found: WorstDeviations, k: int, words: str) -> str:
-    return ", ".join(part for part in (cases.deviations.words(found.theta[k]), words) if part)
+def _how(cases: WorstCase, worst_deviations: WorstDeviations, k: int, words: str) -> str:
+    return ", ".join(part for part in (cases.deviations.words(worst_deviations.theta[k]), words) if part)
 
 
 def _kept(cases: WorstCase, s: np.ndarray, theta: np.ndarray) -> str:

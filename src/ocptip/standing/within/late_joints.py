@@ -65,17 +65,17 @@ def delay_cases(
     """Possible states at t of a joint with acceleration steps at `events`, s, increasing, in the delay before
     t.
     """
-    found: list[DelayCase] = []
+    result: list[DelayCase] = []
     low, at_once = t - delay, False
     for event, time in enumerate(events):
         if delay:
-            found.append(DelayCase(event, 0, max(time - low, 0.0)))
+            result.append(DelayCase(event, 0, max(time - low, 0.0)))
         low, at_once = max(time, low), t - time <= INSIDE
         if overshoots:
-            found += [DelayCase(event, steps, 0.0) for steps in range(1, event + 2)]
+            result += [DelayCase(event, steps, 0.0) for steps in range(1, event + 2)]
     if not (at_once and overshoots):  # that is between what it was before and overshooting
-        found.append(DelayCase(None, 0, min(max(t - low, 0.0), delay)))
-    return found
+        result.append(DelayCase(None, 0, min(max(t - low, 0.0), delay)))
+    return result
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,13 +132,13 @@ class Events:
 
     def max_delay(self, times: np.ndarray) -> np.ndarray:
         """(N, n), s: maximum delay of joints at times without an acceleration step in between."""
-        found = np.full((len(times), self.motion.n), self.delay)
+        scalars = np.full((len(times), self.motion.n), self.delay)
         for j in range(self.motion.n):
-            own = self.times[self.jumps[:, j]]
-            last = np.searchsorted(own, times + INSIDE, side="right") - 1
-            since = times - np.append(own, -np.inf)[last]
-            found[:, j] = np.clip(since, 0.0, self.delay)
-        return found
+            time = self.times[self.jumps[:, j]]
+            last = np.searchsorted(time, times + INSIDE, side="right") - 1
+            since = times - np.append(time, -np.inf)[last]
+            scalars[:, j] = np.clip(since, 0.0, self.delay)
+        return scalars
 
     def inside(self, times: np.ndarray) -> list[slice]:
         """Which switching times are in the delay before each of these times, s."""
@@ -146,23 +146,23 @@ class Events:
         last = np.searchsorted(self.times, times + INSIDE, side="right")
         return list(map(slice, first.tolist(), last.tolist()))
 
-    def options(self, t: float, inside: slice, joint: int, own: _State, then: _State) -> list[_Way]:
+    def options(self, t: float, inside: slice, joint: int, state: _State, then: _State) -> list[_Way]:
         """The possible delayed states of one joint at t, with switching times `inside` its delay, from its
         states (3,) at t and one delay before.
         """
         if self.smooth[joint]:
-            return self._smooth_options(inside, joint, own, then)
+            return self._smooth_options(inside, joint, state, then)
         jumping = self._jumping[joint]
         jumps = jumping[bisect_left(jumping, inside.start) : bisect_left(jumping, inside.stop)]
         q, qd, before, after, step = self._by_joint[joint]
-        found: dict[_Way, None] = {}
-        until = before[jumps[0]] if jumps else own[2]
+        table: dict[_Way, None] = {}
+        until = before[jumps[0]] if jumps else state[2]
         if self.delay and abs(then[2] - until) > self.small[joint]:  # it changes without a jump, too
-            found[*then, 0.0, "delayed"] = None
+            table[*then, 0.0, "delayed"] = None
         total = 0.0
         for case in delay_cases([self._times[e] for e in jumps], t, self.delay, self.more > 0):
             if case.event is None:
-                way = *own, case.max_delay, "on time"
+                way = *state, case.max_delay, "on time"
             else:
                 e, acceleration, word = jumps[case.event], before[jumps[case.event]], "delayed"
                 if case.steps:  # with one step more than in the case before
@@ -170,20 +170,20 @@ class Events:
                     total = last if case.steps == 1 else total + last
                     acceleration, word = after[e] + self.more * total, "overshooting"
                 way = q[e], qd[e], acceleration, case.max_delay, word
-            found[way] = None
-        return list(found)
+            table[way] = None
+        return list(table)
 
-    def _smooth_options(self, inside: slice, joint: int, own: _State, then: _State) -> list[_Way]:
+    def _smooth_options(self, inside: slice, joint: int, begun: _State, then: _State) -> list[_Way]:
         """Options of a joint without acceleration step: on time, delayed, and the extremes in between."""
         between = self.after[inside, joint]
-        low, high = sorted((own[2], then[2]))
+        low, high = sorted((begun[2], then[2]))
         least, most = between.min(initial=low), between.max(initial=high)
         if most - least <= self.small[joint]:
-            return [(*own, self.delay, "on time")]
+            return [(*begun, self.delay, "on time")]
         places = inside.start + np.flatnonzero((between < low) | (between > high))
         q, qd, after = (part[places, joint].tolist() for part in (self.q, self.qd, self.after))
         late: list[_State] = [then, *zip(q, qd, after, strict=True)]
-        return [(*own, 0.0, "on time"), *((*state, 0.0, "delayed") for state in late)]
+        return [(*begun, 0.0, "on time"), *((*state, 0.0, "delayed") for state in late)]
 
 
 def on_time(
@@ -215,7 +215,7 @@ def jump_states(
         robot: `during` the motion: if its process varies, its knots are evaluated as well.
     """
     n, events = motion.n, Events(motion, tolerance)
-    found: list[_Instant] = []
+    result: list[_Instant] = []
     instants = [events.times, events.times + events.delay]
     if robot is not None:
         instants.append(robot.acts.knots)
@@ -230,15 +230,15 @@ def jump_states(
     )
     acting = np.empty((len(instants), 0)) if robot is None else robot.acting(instants)
     given = zip(instants.tolist(), events.inside(instants), now, before, acting, strict=True)
-    for t, inside, own, then, acts in given:
-        options = [events.options(t, inside, j, own[j], then[j]) for j in range(n)]
+    for t, inside, begun, then, acts in given:
+        options = [events.options(t, inside, j, begun[j], then[j]) for j in range(n)]
         joints = [j for j in range(n) if len(options[j]) > 1 or options[j][0][-1] != "on time"]
         if joints:
-            found.append(_Instant(t, joints, options, acts))
-    if cases is not None and sum(prod(map(len, instant.options)) for instant in found) > MOST_OF_ALL:
-        return _worst_combinations(found, cases)
+            result.append(_Instant(t, joints, options, acts))
+    if cases is not None and sum(prod(map(len, instant.options)) for instant in result) > MOST_OF_ALL:
+        return _worst_combinations(result, cases)
     most = MOST if cases is None else MOST_OF_ALL
-    every = [instant.combined(combinations(instant.options, most)) for instant in found]
+    every = [instant.combined(combinations(instant.options, most)) for instant in result]
     if not every:
         return on_time(motion, tolerance, np.empty(0), robot)
     s, times, max_delay = (
@@ -285,10 +285,10 @@ class _Instant:
 
     def combined(self, chosen: Sequence[Sequence[_Way]]) -> DelayedStates:
         """The states of combinations of cases."""
-        numbers = np.array([[way[:4] for way in own] for own in chosen])  # (C, n, 4)
+        numbers = np.array([[way[:4] for way in options] for options in chosen])  # (C, n, 4)
         states = numbers[:, :, :3].transpose(0, 2, 1).reshape(len(chosen), -1)
         states = np.hstack([states, np.tile(self.acting, (len(chosen), 1))])
-        words = [_words_of(self.joints, [own[j][4] for j in self.joints]) for own in chosen]
+        words = [_words_of(self.joints, [options[j][4] for j in self.joints]) for options in chosen]
         return DelayedStates(states, np.full(len(chosen), self.t), numbers[:, :, 3], words)
 
 
@@ -299,32 +299,34 @@ def _worst_combinations(every: list[_Instant], cases: WorstCase) -> DelayedState
     At the worst instants of each they are the worst that exchanging the case of one joint at a time leads to.
     """
     n = len(every[0].options)
-    counts = np.array([[len(own) for own in instant.options] for instant in every])
+    counts = np.array([[len(choices_here) for choices_here in instant.options] for instant in every])
     options = np.full((len(every), n, np.max(counts), 4), np.nan)
     given = np.arange(options.shape[2]) < counts[:, :, None]
-    options[given] = [way[:4] for instant in every for own in instant.options for way in own]
+    options[given] = [
+        way[:4] for instant in every for choices_here in instant.options for way in choices_here
+    ]
     acting = np.array([instant.acting for instant in every])
     number = chosen_by_slopes(options, cases, acting, range(cases.axes))[0].tolist()
     instants, slips = slipping(options, cases, acting)
-    tips = {(i, choice) for i, own in enumerate(number) for choice in map(tuple, own)}
+    tips = {(i, choice) for i, choices_here in enumerate(number) for choice in map(tuple, choices_here)}
     chosen = sorted(tips.union(zip(instants.tolist(), map(tuple, slips.tolist()), strict=True)))
     rows, choices = np.array([i for i, _ in chosen]), np.array([choice for _, choice in chosen])
     numbers = options[rows[:, None], np.arange(n), choices]  # (C, n, 4)
     states = np.hstack([numbers[..., :3].transpose(0, 2, 1).reshape(len(rows), -1), acting[rows]])
     words = []
     for i, choice in chosen:
-        own, joints = every[i].options, every[i].joints
-        words.append(_words_of(joints, [own[j][choice[j]][4] for j in joints]))
+        choices_here, joints = every[i].options, every[i].joints
+        words.append(_words_of(joints, [choices_here[j][choice[j]][4] for j in joints]))
     return DelayedStates(states, np.array([instant.t for instant in every])[rows], numbers[..., 3], words)
 
 
 def _words_of(joints: list[int], what: list[str]) -> str:
     """`"joints 1, 2 overshooting, joint 4 delayed"`."""
-    found = []
+    words = []
     for word in dict.fromkeys(what):
-        own = [f"{j + 1}" for j, one in zip(joints, what, strict=True) if one == word]
-        found.append(f"joint{'s' if len(own) > 1 else ''} {', '.join(own)} {word}")
-    return ", ".join(found)
+        joint_numbers = [f"{j + 1}" for j, one in zip(joints, what, strict=True) if one == word]
+        words.append(f"joint{'s' if len(joint_numbers) > 1 else ''} {', '.join(joint_numbers)} {word}")
+    return ", ".join(words)
 
 
 def combinations(options: list[list[T]], most: int = MOST) -> list[tuple[T, ...]]:
@@ -333,10 +335,10 @@ def combinations(options: list[list[T]], most: int = MOST) -> list[tuple[T, ...]
     """
     if prod(map(len, options)) <= most:
         return list(product(*options))
-    found = []
+    results = []
     for k in range(max(map(len, options))):
-        usual = [own[min(k, len(own) - 1)] for own in options]
-        found.append(tuple(usual))
-        for j, own in enumerate(options):
-            found += [(*usual[:j], other, *usual[j + 1 :]) for other in own if other is not usual[j]]
-    return found
+        usual = [option[min(k, len(option) - 1)] for option in options]
+        results.append(tuple(usual))
+        for j, option in enumerate(options):
+            results += [(*usual[:j], other, *usual[j + 1 :]) for other in option if other is not usual[j]]
+    return results

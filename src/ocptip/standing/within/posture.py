@@ -91,17 +91,19 @@ def bodies(
     bare, about = robot.arm.with_payload(None), robot.support.center_of_mass
     frames = link_frames(bare, q)
     tool = frames.origins[-1] - about
-    found = []
+    results = []
     links = zip(bare.masses, bare.centres, frames.rotations, frames.origins, strict=False)
     for number, (mass, centre, rotation, origin) in enumerate(links, 1):
         if mass > 0:
             off = tolerance.arm_mass * mass
-            found.append(Weight(f"link {number}", float(mass), origin + rotation @ centre - about, -off, off))
+            results.append(
+                Weight(f"link {number}", float(mass), origin + rotation @ centre - about, -off, off)
+            )
     if held is not None:
         rotation, off = frames.rotations[-1], tolerance.payload_mass * held.mass
         half = np.abs(rotation) @ np.asarray(tolerance.payload_center, dtype=float)
         centre = tool + rotation @ held.center_of_mass
-        found.append(Weight("payload", held.mass, centre, -off, off, half))
+        results.append(Weight("payload", held.mass, centre, -off, off, half))
     if tolerance.extra_mass:
-        found.append(Weight("mass at the TCP", 0.0, tool, 0.0, tolerance.extra_mass))
-    return found, tool
+        results.append(Weight("mass at the TCP", 0.0, tool, 0.0, tolerance.extra_mass))
+    return results, tool

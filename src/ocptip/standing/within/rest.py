@@ -112,9 +112,11 @@ class WithinAtRest:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        own = {name: getattr(self, name) for name in ("GN", "GT", "GN_worst", "GT_worst", "stands", "reason")}
+        values = {
+            name: getattr(self, name) for name in ("GN", "GT", "GN_worst", "GT_worst", "stands", "reason")
+        }
         missing = {"friction_missing_N": max(self.demand.missing, 0.0)}
-        return {"tolerance": self.tolerance.to_dict(), **own, **missing, "ignored": list(self.ignored)}
+        return {"tolerance": self.tolerance.to_dict(), **values, **missing, "ignored": list(self.ignored)}
 
     def tipping_margin(self, reference: float) -> float:
         """N m, at the worst, by M0 of GN, N m; negative where the base tips: so much is missing."""
@@ -127,13 +129,13 @@ class WithinAtRest:
             reference: M0 of GN, N m; None where nothing tips.
         """
         verdict = "no contact is lost" if self.stands else f"A CONTACT IS LOST: {self.reason}"
-        found = [f"{self.tolerance}: {verdict}"]
+        results = [f"{self.tolerance}: {verdict}"]
         if reference:
             left = margin_text(self.tipping_margin(reference), "N m", 4)
-            found.append(f"tipping margin >= {left} ({self.GN_worst or 'nominal'})")
+            results.append(f"tipping margin >= {left} ({self.GN_worst or 'nominal'})")
         used = quantity(100 * self.GT, "%", 3) if self.GT <= 1 else self.demand.used
-        found.append(f"friction used <= {used} ({self.GT_worst or 'nominal'})")
-        return found + ([f"not included at rest: {', '.join(self.ignored)}"] if self.ignored else [])
+        results.append(f"friction used <= {used} ({self.GT_worst or 'nominal'})")
+        return results + ([f"not included at rest: {', '.join(self.ignored)}"] if self.ignored else [])
 
 
 def scene_within(
@@ -240,8 +242,8 @@ def found_within(
     tolerance = tolerance.only(*(name for name in searched if name in given))
     made = [case(tolerance) for case in cases]
     (GN, tip, first), (GT, slip, other) = (
-        max(((*one, case) for one, case in zip(found, made, strict=True)), key=lambda item: item[0])
-        for found in ([case.tip() for case in made], [case.slip() for case in made])
+        max(((*one, case) for one, case in zip(result, made, strict=True)), key=lambda item: item[0])
+        for result in ([case.tip() for case in made], [case.slip() for case in made])
     )
     stands = GN < _LOST and GT < _LOST
 
@@ -307,19 +309,19 @@ class RestCase:
         offs = [self._off(gravity) for gravity in self._starts()]
         if self._pushes:  # from pushes on, too: a base without tangential load says nothing of where to push
             offs += [self._pushed(side, self._gravity) for side in around(self._gravity)]
-        best, found = -1.0, offs[0]
+        best, result = -1.0, offs[0]
         for _ in range(ROUNDS + 1):
             states = self.footing.contact_states(self._wrenches(offs), warm_start=False)
             reserve = self.footing.slip.evaluate(states)
             GT = np.where(np.isnan(reserve.GT), np.inf, reserve.GT)
             k = int(np.argmax(GT))
             if GT[k] > best + _SAME * abs(best):  # what is worse by rounding alone has needless deviations
-                found = offs[k]
+                result = offs[k]
             best = max(best, float(GT[k]))
             assert reserve.gradient is not None  # it was asked for
             slopes = -np.nan_to_num(reserve.gradient)
             offs = self._worst(slopes, np.array([off.gravity for off in offs]))
-        return best, found
+        return best, result
 
     def demand(self, off: Off) -> FrictionDemand:
         """Of friction, with these deviations."""
@@ -327,24 +329,24 @@ class RestCase:
 
     def words(self, off: Off) -> str:
         """The deviations in words: "base mass -0.5 kg, tilt 0.5 deg towards -y"."""
-        found = [self._name] if self._name else []
+        results = [self._name] if self._name else []
         changes = zip(self._weights, off.masses - self._masses, off.shifts, strict=True)
         for weight, more, shift in changes:
             if more:
-                found.append(f"{weight.name} {more:+.3g} kg")
+                results.append(f"{weight.name} {more:+.3g} kg")
             if shift.any():
                 moved = [f"{1e3 * d:+.3g} mm in {axis}" for axis, d in zip("xyz", shift, strict=True) if d]
-                found.append(f"centre of {weight.name.removesuffix(' mass')} {' and '.join(moved)}")
+                results.append(f"centre of {weight.name.removesuffix(' mass')} {' and '.join(moved)}")
         side = off.gravity - (off.gravity @ self._down) * self._down
         angle = np.degrees(np.arctan2(np.linalg.norm(side), off.gravity @ self._down))
         if angle > 1e-9:
-            found.append(f"tilt {angle:.3g} deg {towards(side)}")
+            results.append(f"tilt {angle:.3g} deg {towards(side)}")
         for push, force in zip(self._pushes, off.pushes, strict=True):
             if force.any():
-                found.append(f"push of {np.linalg.norm(force):.3g} N at the {push.name} {towards(force)}")
+                results.append(f"push of {np.linalg.norm(force):.3g} N at the {push.name} {towards(force)}")
         if self._tolerance.friction:
-            found.append(f"friction {-100 * self._tolerance.friction:.3g} %")
-        return ", ".join(found)
+            results.append(f"friction {-100 * self._tolerance.friction:.3g} %")
+        return ", ".join(results)
 
     def _pushed(self, side: np.ndarray, gravity: np.ndarray) -> Off:
         pushes = np.array([push.size * side for push in self._pushes])

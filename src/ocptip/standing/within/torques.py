@@ -41,7 +41,7 @@ def maximum_torques(
         acting: (N, k) what acts; see `StandingMechanism.acting`.
         payload: factor of the payload's mass, or one per state, (N,).
     """
-    own, arm = tolerance.of(robot.payload), robot.arm.without_process
+    uncertainty_of_payload, arm = tolerance.of(robot.payload), robot.arm.without_process
     pressed, base = robot.acts.split(acting)
     parts, still, none = _parts(arm, base is not None), np.zeros(q.shape), np.zeros(3)
     rests = [none] * (2 * (base is not None))
@@ -49,16 +49,22 @@ def maximum_torques(
     pulls = np.stack([parts(q, still, still, axis, *rests)[0] for axis in np.eye(3)])  # (3, N, n, bodies)
     about = robot.support.center_of_mass
     process = robot.pushed(robot.arm, q, still, still, pressed, gravity=none, about=about).torque
-    loose = own.springs * np.abs(arm.spring_torque - arm.spring_stiffness * q)
-    low, high = _weights(arm, own, np.asarray(payload, dtype=float)[..., None])
+    loose = uncertainty_of_payload.springs * np.abs(arm.spring_torque - arm.spring_stiffness * q)
+    low, high = _weights(arm, uncertainty_of_payload, np.asarray(payload, dtype=float)[..., None])
     # One column, so that weights of single states multiply like those of all.
     mean, half = 0.5 * (low + high)[..., None], 0.5 * (high - low)[..., None]
     gravity = robot.support.gravity
-    size, paces = np.linalg.norm(gravity), ((1 - own.speed) ** 2, (1 + own.speed) ** 2)
+    size, paces = (
+        np.linalg.norm(gravity),
+        ((1 - uncertainty_of_payload.speed) ** 2, (1 + uncertainty_of_payload.speed) ** 2),
+    )
     motions = [(factor, factor * pace) for factor in paces]
     if base is not None:  # the speeds of arm and base meet in Coriolis forces
         rows, motions = base.rows(len(q)), []
-        for factor, rush in product(paces, {(1 - own.drive_speed) ** 2, (1 + own.drive_speed) ** 2}):
+        for factor, rush in product(
+            paces,
+            {(1 - uncertainty_of_payload.drive_speed) ** 2, (1 + uncertainty_of_payload.drive_speed) ** 2},
+        ):
             pull = -rush * base.acceleration_at(arm.mount_position)
             spin = np.sqrt(rush) * rows[:, 3:6], rush * rows[:, 6:]
             motions.append((factor, parts(q, np.sqrt(factor) * qd, factor * qdd, pull, *spin)[0]))
@@ -66,36 +72,39 @@ def maximum_torques(
     level, pull = np.tensordot(gravity, pulls, axes=1), np.moveaxis((pulls @ mean)[..., 0], 0, -1)
     along, reach = pull @ gravity, size * np.linalg.norm(pull, axis=2)
     across = np.linalg.norm(np.cross(pull, gravity), axis=2)
-    spread = size * own.tilt * (np.linalg.norm(pulls, axis=0) @ half)[..., 0]
-    spread += own.push * np.linalg.norm(push, axis=2) + loose
-    found = np.zeros(q.shape)
+    spread = size * uncertainty_of_payload.tilt * (np.linalg.norm(pulls, axis=0) @ half)[..., 0]
+    spread += uncertainty_of_payload.push * np.linalg.norm(push, axis=2) + loose
+    values = np.zeros(q.shape)
     for factor, moving in motions:
         nominal = (moving @ mean)[..., 0] + factor * arm.armature * qdd + process
         more = spread + (np.abs(moving + level) @ half)[..., 0]
         for sign in (1.0, -1.0):
-            tilted = np.maximum(np.arctan2(across, sign * along) - own.tilt, 0.0)
-            found = np.maximum(found, sign * nominal + reach * np.cos(tilted) + more)
-    if arm.payload is not None and any(own.payload_center):
-        box = np.asarray(own.payload_center)
-        most = (1 + own.payload_mass) * np.outer(box, box)  # products of two shifts
+            tilted = np.maximum(np.arctan2(across, sign * along) - uncertainty_of_payload.tilt, 0.0)
+            values = np.maximum(values, sign * nominal + reach * np.cos(tilted) + more)
+    if arm.payload is not None and any(uncertainty_of_payload.payload_center):
+        box = np.asarray(uncertainty_of_payload.payload_center)
+        most = (1 + uncertainty_of_payload.payload_mass) * np.outer(box, box)  # products of two shifts
         moments = np.abs(np.cross(side[:, :, :, None], swing[:, :, None, :], axis=1))  # (N, 3, 3, 3)
         axes = axes.reshape(len(q), 3, -1)  # of a single link they come without their last axis
         turning = np.einsum("nwl,nwij,ij->nl", np.abs(axes), moments, most)
         ratios = np.eye(arm.n) if arm.coupling is None else arm.coupling.matrix
-        found += paces[1] * np.asarray(payload)[..., None] * (turning @ np.abs(ratios))
-    return found
+        values += paces[1] * np.asarray(payload)[..., None] * (turning @ np.abs(ratios))
+    return values
 
 
-def _weights(arm: ArmModel, own: Uncertainty, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _weights(arm: ArmModel, uncertainty: Uncertainty, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Minimum and maximum of the weights of `_parts`, with factors (..., 1) of the payload's mass."""
-    links, extra = np.full(len(arm.masses), own.arm_mass), np.full(1, own.extra_mass)
-    held, box = own.payload_mass, (1 + own.payload_mass) * np.asarray(own.payload_center)
-    found = []
+    links, extra = np.full(len(arm.masses), uncertainty.arm_mass), np.full(1, uncertainty.extra_mass)
+    held, box = (
+        uncertainty.payload_mass,
+        (1 + uncertainty.payload_mass) * np.asarray(uncertainty.payload_center),
+    )
+    weights = []
     for sign, more in ((-1, 0 * extra), (1, extra)):
         carried = payload * np.array([1 + sign * held, *(sign * box)])[: None if arm.payload else 0]
         parts = [np.broadcast_to(part, (*payload.shape[:-1], len(part))) for part in (1 + sign * links, more)]
-        found.append(np.concatenate([parts[0], carried, parts[1]], axis=-1))
-    return found[0], found[1]
+        weights.append(np.concatenate([parts[0], carried, parts[1]], axis=-1))
+    return weights[0], weights[1]
 
 
 @lru_cache(maxsize=64)
@@ -113,18 +122,18 @@ def _parts(arm: ArmModel, turning: bool) -> BatchFunction:
     q, qd, qdd = (cs.SX.sym(name, arm.n) for name in ("q", "qd", "qdd"))
     gravity, force, none = cs.SX.sym("gravity", 3), cs.SX.sym("force", 3), cs.SX.zeros(3)
     links, extra, shift = cs.SX.sym("links", len(arm.masses)), cs.SX.sym("extra"), cs.SX.zeros(3)
-    weights, at, carried = [links], [np.ones(len(arm.masses))], []
+    weights, shifts, carried = [links], [np.ones(len(arm.masses))], []
     if (payload := arm.payload) is not None:
         factor, shift = cs.SX.sym("payload"), cs.SX.sym("shift", 3)
         mass, centre, inertia = payload.seen_from(arm.tool_rotation, arm.offsets[-1])
         carried.append((factor * mass, cs.SX(centre) + arm.tool_rotation @ shift, factor * cs.SX(inertia)))
-        weights, at = [*weights, factor, shift], [*at, np.ones(1), np.zeros(3)]
+        weights, shifts = [*weights, factor, shift], [*shifts, np.ones(1), np.zeros(3)]
     carried.append((extra, cs.SX(arm.offsets[-1]), np.zeros((3, 3))))
     spin = {name: cs.SX.sym(name, 3) for name in ("spin", "spin_change")[: 2 * turning]}
     torque, wrench = newton_euler(
         arm.with_payload(None), q, qd, qdd, gravity, force, none, none, scales=links, carried=carried, **spin
     )
-    every, values = cs.vertcat(*weights, extra, force), np.concatenate([*at, np.zeros(4)])
+    every, values = cs.vertcat(*weights, extra, force), np.concatenate([*shifts, np.zeros(4)])
     slopes = cs.substitute(cs.jacobian(torque, every), every, values)
     swing = cs.substitute(-cs.jacobian(wrench[:3], shift), every, values) if payload else cs.SX.zeros(3, 3)
     frames = chain(arm, q)[0]

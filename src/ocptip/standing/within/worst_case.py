@@ -166,7 +166,7 @@ class WorstCase:
             values, slopes = quantity(wrenches)
             return WorstDeviations(values, theta, slopes), np.einsum("nw,nwt->nt", slopes, over)
 
-        found, slopes = at(self.deviations.nominal(len(s)))
+        result, slopes = at(self.deviations.nominal(len(s)))
         for k in range(ROUNDS):
             theta = self.deviations.least(slopes, max_delay)
             if k < ROUNDS - 1:
@@ -174,18 +174,18 @@ class WorstCase:
             else:  # nobody asks for slopes over the last deviations, which take most of the time
                 values, over = quantity(self.deviations.wrench(s, theta)[0])
                 new = WorstDeviations(values, theta, over)
-            found = found.worse(new, -1.0)
-        return found
+            result = result.worse(new, -1.0)
+        return result
 
     def all_moments(self, s: np.ndarray) -> np.ndarray:
         """(N, axes) minimum moments."""
         count, axes = len(s), self.axes
-        at = np.repeat(np.arange(count), axes), np.tile(np.arange(axes), count)
-        return self.moments(s[at[0]], at[1]).values.reshape(count, axes)
+        rows = np.repeat(np.arange(count), axes), np.tile(np.arange(axes), count)
+        return self.moments(s[rows[0]], rows[1]).values.reshape(count, axes)
 
     def estimated_moments(self, s: np.ndarray, max_delay: np.ndarray | None = None) -> np.ndarray:
         """(N, axes) the same up to products of deviations, several times faster."""
-        return np.stack([found.values for found in self._estimated(s, range(self.axes), max_delay)], axis=1)
+        return np.stack([result.values for result in self._estimated(s, range(self.axes), max_delay)], axis=1)
 
     def _estimated(
         self, s: np.ndarray, axes: Iterable[int], max_delay: np.ndarray | None
@@ -217,12 +217,12 @@ class WorstCase:
         """
         if theta is not None:
             return self._slip_under(self.deviations.wrench(s, theta)[0], theta)
-        found, slopes = self._slip_at(s, self.deviations.nominal(len(s)))
-        for theta in self._starts(s, starts, found.values, slopes, max_delay):
+        result, slopes = self._slip_at(s, self.deviations.nominal(len(s)))
+        for theta in self._starts(s, starts, result.values, slopes, max_delay):
             for _ in range(ROUNDS + (starts > 1)):
                 new, slopes = self._slip_at(s, theta)
-                found, theta = found.worse(new, 1.0), self.deviations.least(-slopes, max_delay)
-        return found
+                result, theta = result.worse(new, 1.0), self.deviations.least(-slopes, max_delay)
+        return result
 
     def keeps_slip(self, s: np.ndarray, GT: float) -> bool:
         """Whether half spaces prove that friction utilisation at states (N, 3 n) is at most GT, at the worst.
@@ -244,8 +244,8 @@ class WorstCase:
 
     def estimated_slip(self, s: np.ndarray, max_delay: np.ndarray | None = None) -> np.ndarray:
         """(N,) worst friction utilisation by its slopes at the nominal state."""
-        found, slopes = self._slip_at(s, np.zeros((len(s), self.deviations.size)))
-        return found.values + np.einsum("nt,nt->n", slopes, self.deviations.least(-slopes, max_delay))
+        result, slopes = self._slip_at(s, np.zeros((len(s), self.deviations.size)))
+        return result.values + np.einsum("nt,nt->n", slopes, self.deviations.least(-slopes, max_delay))
 
     def greatest_slips(self, s: np.ndarray, max_delay: np.ndarray | None = None) -> np.ndarray:
         """(N,) worst friction utilisation where it is large, at the deviations that are worst for the nearest
@@ -254,7 +254,7 @@ class WorstCase:
         The half spaces are those of a level just below the maximum: at a higher one the nearest may be that
         of tip-over. Where there are none it is the estimate by slopes.
         """
-        slip, found, left = self.footing.slip, np.empty(len(s)), np.arange(len(s))
+        slip, values, left = self.footing.slip, np.empty(len(s)), np.arange(len(s))
         wrenches = self.deviations.wrench(s, self.deviations.nominal(len(s)))[0]
         maximum = self.enough or float(np.max(known(slip.greatest(wrenches)), initial=0.0))
         for most in (_FIRST, len(s)):
@@ -264,10 +264,10 @@ class WorstCase:
             late = None if max_delay is None else max_delay[left]
             beyond = self.farthest(s[left], rows, late, 0.0, 1)
             worst = np.argsort(-beyond.values, kind="stable")[:most]
-            todo, found[left] = left[beyond.instants[worst]], level
-            found[todo] = self.slip(s[todo], theta=beyond.theta[worst]).values
-            maximum, left = max(maximum, np.max(known(found[todo]), initial=0.0)), np.setdiff1d(left, todo)
-        return found
+            todo, values[left] = left[beyond.instants[worst]], level
+            values[todo] = self.slip(s[todo], theta=beyond.theta[worst]).values
+            maximum, left = max(maximum, np.max(known(values[todo]), initial=0.0)), np.setdiff1d(left, todo)
+        return values
 
     def function(
         self, s: np.ndarray, which: np.ndarray, max_delay: np.ndarray
@@ -280,16 +280,18 @@ class WorstCase:
             max_delay: (N, n), s: maximum delay of joints there.
         """
         values, slopes = np.empty(len(s)), np.empty(s.shape)
-        for own, sign in ((which < self.axes, -1.0), (which == self.axes, 1.0)):
-            if own.any():
+        for chosen, sign in ((which < self.axes, -1.0), (which == self.axes, 1.0)):
+            if chosen.any():
                 tips = sign < 0
-                found = (
-                    self.moments(s[own], which[own], max_delay=max_delay[own])
+                result = (
+                    self.moments(s[chosen], which[chosen], max_delay=max_delay[chosen])
                     if tips
-                    else self.slip(s[own], max_delay=max_delay[own])
+                    else self.slip(s[chosen], max_delay=max_delay[chosen])
                 )
-                values[own] = sign * found.values
-                slopes[own] = self.deviations.state_slopes(s[own], found.theta, sign * found.slopes)[0]
+                values[chosen] = sign * result.values
+                slopes[chosen] = self.deviations.state_slopes(s[chosen], result.theta, sign * result.slopes)[
+                    0
+                ]
         return values, slopes
 
     def estimated(
@@ -303,9 +305,9 @@ class WorstCase:
         values, slopes = np.empty((len(s), len(functions))), np.empty((len(s), len(functions), s.shape[1]))
         for number, which in enumerate(functions):
             sign = -1.0 if which < self.axes else 1.0
-            found = next(tips) if which < self.axes else self.slip(s, max_delay=max_delay)
-            values[:, number] = sign * found.values
-            slopes[:, number] = self.deviations.state_slopes(s, found.theta, sign * found.slopes)[0]
+            result = next(tips) if which < self.axes else self.slip(s, max_delay=max_delay)
+            values[:, number] = sign * result.values
+            slopes[:, number] = self.deviations.state_slopes(s, result.theta, sign * result.slopes)[0]
         return values, slopes
 
     def _starts(
@@ -348,8 +350,8 @@ class WorstCase:
     def _slip_at(self, s: np.ndarray, theta: np.ndarray) -> tuple[WorstDeviations, np.ndarray]:
         """GT at deviations, large where it is not known, and its slopes over the deviations."""
         wrenches, over = self.deviations.wrench_and_slopes(s, theta)
-        found = self._slip_under(wrenches, theta)
-        return found, np.einsum("nw,nwt->nt", found.slopes, over)
+        worst_deviations = self._slip_under(wrenches, theta)
+        return worst_deviations, np.einsum("nw,nwt->nt", worst_deviations.slopes, over)
 
     def _slip_under(self, wrenches: np.ndarray, theta: np.ndarray) -> WorstDeviations:
         if self._slip_map is not None:

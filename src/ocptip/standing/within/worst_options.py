@@ -51,17 +51,17 @@ def worst_options(
     each = np.arange(cases.axes + 1) if functions is None else np.array(functions, dtype=int)
     number = np.repeat(usual_cases(options)[:, None], len(each), axis=1)
     values, slopes = np.empty((count, len(each))), np.empty((count, len(each), size))
-    row, which = (own.ravel() for own in np.indices((count, len(each))))
+    row, which = (index.ravel() for index in np.indices((count, len(each))))
     few = count if most is None else most
     for turn in range(1 + _CHOICES):
         chosen, states = selected(options, row, number[row, which], acting)
         if few < count:  # the same cases for every function; what is asked is which instants come first
-            own = np.s_[:: len(each)]
-            found = cases.estimated(states[own], each.tolist(), chosen[own, :, 3])
-            values[row, which], found = found[0].ravel(), found[1].reshape(len(row), -1)
+            index = np.s_[:: len(each)]
+            result = cases.estimated(states[index], each.tolist(), chosen[index, :, 3])
+            values[row, which], result = result[0].ravel(), result[1].reshape(len(row), -1)
         else:
-            values[row, which], found = cases.function(states, each[which], chosen[..., 3])
-        slopes[row, which] = found[:, :size]
+            values[row, which], result = cases.function(states, each[which], chosen[..., 3])
+        slopes[row, which] = result[:, :size]
         if turn < _CHOICES:
             over = slopes[row, which, : 3 * n].reshape(-1, 3, n)
             gains = _gains(over, options[row])
@@ -96,18 +96,18 @@ def worst_beyond(
         Of R pairs the instant (R,), numbers (R, n) of cases, slopes (R, 3 n or more) of the distance over the
         state, and the distance (R,), N.
     """
-    found = farthest(cases.deviations, options, acting, planes, above, most)
-    a, n = planes[found.planes], options.shape[1]
+    result = farthest(cases.deviations, options, acting, planes, above, most)
+    a, n = planes[result.planes], options.shape[1]
 
     def at(number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        chosen, states = selected(options, found.instants, number, acting)
+        chosen, states = selected(options, result.instants, number, acting)
         worst = cases.least(states, lambda wrench: (-np.einsum("rw,rw->r", a, wrench), -a), chosen[..., 3])
         return -worst.values, cases.deviations.state_slopes(states, worst.theta, a)[0]
 
-    slopes = at(found.number)[1][:, : 3 * n].reshape(-1, 3, n)
-    number = np.argmax(_gains(slopes, options[found.instants]), axis=2)
+    slopes = at(result.number)[1][:, : 3 * n].reshape(-1, 3, n)
+    number = np.argmax(_gains(slopes, options[result.instants]), axis=2)
     values, slopes = at(number)
-    return found.instants, number, slopes, values
+    return result.instants, number, slopes, values
 
 
 def chosen_by_slopes(
@@ -184,21 +184,21 @@ def exchanged(
     ranks = _ranks(values)
     row, which = np.nonzero(ranks < _WORST)
     for _ in range(_EXCHANGES):
-        own = number[row, which]  # (R, n)
-        other = np.arange(options.shape[2]) != own[:, :, None]
+        option = number[row, which]  # (R, n)
+        other = np.arange(options.shape[2]) != option[:, :, None]
         r, joint, way = np.nonzero(other & ~np.isnan(options[row][..., 0]))
         if not len(r):
             break
-        tried = own[r]
+        tried = option[r]
         tried[np.arange(len(r)), joint] = way
         chosen, states = selected(options, row[r], tried, acting)
-        found = cases.function(states, each[which[r]], chosen[..., 3])[0]
-        order = np.argsort(-found, kind="stable")
+        result = cases.function(states, each[which[r]], chosen[..., 3])[0]
+        order = np.argsort(-result, kind="stable")
         better, first = np.unique(r[order], return_index=True)
         best = order[first]
-        worse = found[best] > values[row[better], which[better]] + _WORSE
+        worse = result[best] > values[row[better], which[better]] + _WORSE
         if not worse.any():
             break
         row, which = row[better[worse]], which[better[worse]]
-        number[row, which], values[row, which] = tried[best[worse]], found[best[worse]]
+        number[row, which], values[row, which] = tried[best[worse]], result[best[worse]]
     return number

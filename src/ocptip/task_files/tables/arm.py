@@ -269,7 +269,7 @@ def require_base_mass(data: Table, arm: ArmModel, mass: float, *, accepted: bool
         turn = table.rotation("mount_", np.eye(3))
         centre, inertia = table["mount_position"] + turn @ centre, turn @ inertia @ turn.T
         lists = (centre, inertia[np.triu_indices(3)])
-        middle, moments = (f"[{', '.join(f'{value:.5g}' for value in own)}]" for own in lists)
+        middle, moments = (f"[{', '.join(f'{value:.5g}' for value in values)}]" for values in lists)
         alone = f"mass = {links:.6g}, center_of_mass = {middle}, inertia = {moments}"
         raise data.error(f"{reason}, or accept_mass = true; these links alone have {alone}", "base.mass")
 
@@ -287,23 +287,23 @@ def _with_links(arm: ArmModel, table: Table) -> ArmModel:
     masses, centres, inertias = arm.masses.copy(), arm.centres.copy(), arm.inertias.copy()
     armature = np.array(arm.armature)
     for name in table:
-        k, own = _joint(table, name, arm.chain_names), table.table(name)
-        if parts := own.tables("part"):
-            for key in (key for key in ("mass", "center_of_mass", "inertia") if key in own):
-                raise own.error("follows from the parts; give either", key)
+        k, link = _joint(table, name, arm.chain_names), table.table(name)
+        if parts := link.tables("part"):
+            for key in (key for key in ("mass", "center_of_mass", "inertia") if key in link):
+                raise link.error("follows from the parts; give either", key)
             masses[k], centres[k], inertias[k] = reduce(union, map(_part, parts))
-        masses[k] = own.get("mass", masses[k])
-        centres[k] = own.get("center_of_mass", centres[k])
-        if "inertia" in own:
-            inertia = own["inertia"]
-            with own.at("inertia"):
+        masses[k] = link.get("mass", masses[k])
+        centres[k] = link.get("center_of_mass", centres[k])
+        if "inertia" in link:
+            inertia = link["inertia"]
+            with link.at("inertia"):
                 inertias[k] = symmetric_matrix(inertia)
         masses[k], centres[k], inertias[k] = reduce(
-            union, map(_part, own.tables("added")), (masses[k], centres[k], inertias[k])
+            union, map(_part, link.tables("added")), (masses[k], centres[k], inertias[k])
         )
         if arm.coupling is None:
-            armature[k] = own.get("armature", armature[k])
-        own.close()
+            armature[k] = link.get("armature", armature[k])
+        link.close()
     table.close()
     return replace(arm, masses=masses, centres=centres, inertias=inertias, armature=armature)
 
@@ -312,9 +312,9 @@ def _with_springs(arm: ArmModel, table: Table) -> ArmModel:
     """The arm with the springs of `[arm.springs."JOINT"]`."""
     torque, stiffness = arm.spring_torque.copy(), arm.spring_stiffness.copy()
     for name in table:
-        j, own = _joint(table, name, arm.joint_names), table.table(name)
-        torque[j], stiffness[j] = own["torque"], own["stiffness"]
-        own.close()
+        j, spring = _joint(table, name, arm.joint_names), table.table(name)
+        torque[j], stiffness[j] = spring["torque"], spring["stiffness"]
+        spring.close()
     table.close()
     return replace(arm, spring_torque=torque, spring_stiffness=stiffness)
 
@@ -337,8 +337,8 @@ def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
         given = joint_values(table, key, arm, slides=slides)
         if given is not None:
             values.setdefault(name, getattr(arm.limits, name).copy())
-            own = np.flatnonzero(arm.prismatic == slides)[np.isfinite(given)]
-            values[name][own] = given[np.isfinite(given)]
+            indices = np.flatnonzero(arm.prismatic == slides)[np.isfinite(given)]
+            values[name][indices] = given[np.isfinite(given)]
     table.close()
     return arm.with_limits(**values).with_usual_accelerations("the file")
 
@@ -374,10 +374,10 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
     if geometry and not arm.sphere_sets:
         with table.at("urdf", package_dirs="package_dirs", srdf="srdf"):
             given = {"package_dirs": folders, "srdf": srdf, "mesh_parts": parts}
-            found = geometry_from_urdf(file.path, arm, **given)
+            arm_geometry = geometry_from_urdf(file.path, arm, **given)
             meshes = collision_meshes(file.path, folders) or {}
             table.note_parts(file.path, {name: mesh for name, mesh in meshes.items() if mesh})
-        arm = replace(arm, geometry=found)
+        arm = replace(arm, geometry=arm_geometry)
     return without_excluded(arm, table)
 
 

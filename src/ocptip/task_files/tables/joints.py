@@ -40,7 +40,11 @@ def joint_values(table: Table, key: str, arm: ArmModel, *, slides: bool) -> np.n
     Raises:
         InputError: no such joint, a wrong number of them, or a value that cannot be used.
     """
-    names = [name for name, own in zip(arm.joint_names, arm.prismatic, strict=True) if own == slides]
+    names = [
+        name
+        for name, slides_here in zip(arm.joint_names, arm.prismatic, strict=True)
+        if slides_here == slides
+    ]
     value = table.value(key)
     if value is None:
         return None
@@ -54,16 +58,16 @@ def joint_values(table: Table, key: str, arm: ArmModel, *, slides: bool) -> np.n
 
 
 def _by_name(table: Table, names: Sequence[str]) -> np.ndarray:
-    found = np.full(len(names), np.nan)
-    for pattern in sorted(table, key=lambda own: own in names):
+    scalars = np.full(len(names), np.nan)
+    for pattern in sorted(table, key=lambda joint_name: joint_name in names):
         value = table[pattern]
         fitting = [index for index, name in enumerate(names) if fnmatchcase(name, pattern)]
         if not fitting:
             raise table.error(
                 f"no such joint; there are {', '.join(names)}{did_you_mean(pattern, names)}", pattern
             )
-        found[fitting] = value
-    return found
+        scalars[fitting] = value
+    return scalars
 
 
 LOCKED = {"locked_deg": False, "locked_m": True}
@@ -105,31 +109,31 @@ LOCKED_KEYS = {"locked_deg": _locked("deg", "turning"), "locked_m": _locked("m",
 
 def followers_of(table: Table, file: UrdfFile) -> dict[str, tuple[str, float, float]]:
     """Joints that follow others: by name the leading one, ratio and offset, rad or m."""
-    couplings, found = table.table("follows"), dict[str, tuple[str, float, float]]()
+    couplings, result = table.table("follows"), dict[str, tuple[str, float, float]]()
     for name in couplings:
-        own = couplings.table(name)
-        for joint, key in ((name, None), (own["joint"], "joint")):
+        follower = couplings.table(name)
+        for joint, key in ((name, None), (follower["joint"], "joint")):
             if joint not in file.joints or file.joints[joint].kind == "fixed":
                 known = [one.name for one in file.joints.values() if one.kind != "fixed"]
-                raise (couplings if key is None else own).error(
+                raise (couplings if key is None else follower).error(
                     f"no joint {joint!r} that moves{did_you_mean(joint, known)}", key or name
                 )
         key = "offset_m" if file.joints[name].slides else "offset_deg"
-        if wrong := [other for other in ("offset_m", "offset_deg") if other in own and other != key]:
-            raise own.error(
+        if wrong := [other for other in ("offset_m", "offset_deg") if other in follower and other != key]:
+            raise follower.error(
                 f"{name!r} {'slides' if key == 'offset_m' else 'turns'}, its key is {key}", wrong[0]
             )
-        found[name] = own["joint"], own["ratio"], own[key]
-        if not found[name][1]:
-            raise own.error("must not be 0; lock the joint instead (locked_deg, locked_m)", "ratio")
-        own.close()
+        result[name] = follower["joint"], follower["ratio"], follower[key]
+        if not result[name][1]:
+            raise follower.error("must not be 0; lock the joint instead (locked_deg, locked_m)", "ratio")
+        follower.close()
     couplings.close()
-    return found
+    return result
 
 
 def ranges_of(table: Table, file: UrdfFile, locked: Mapping[str, float]) -> dict[str, tuple[float, float]]:
     """Both limits, rad and m, of joints that `[arm.limits]` names; they free a joint that the URDF holds."""
-    limits, found = table.value("limits", {}), dict[str, tuple[float, float]]()  # read by `_with_limits`
+    limits, result = table.value("limits", {}), dict[str, tuple[float, float]]()  # read by `_with_limits`
     for keys in (("angle_min_deg", "angle_max_deg"), ("position_min_m", "position_max_m")):
         ends = [limits.get(key) for key in keys] if isinstance(limits, dict) else []
         ends = [end for end in ends if isinstance(end, dict)]
@@ -142,8 +146,8 @@ def ranges_of(table: Table, file: UrdfFile, locked: Mapping[str, float]) -> dict
                     text = f"{keys[0]} {values[0]:g} must be below {keys[1]} {values[1]:g}"
                     raise table.error(f"{name}: {text}", "limits")
                 scale = DEGREES if keys[0].endswith("deg") else 1.0
-                found[name] = scale * values[0], scale * values[1]
-    return found
+                result[name] = scale * values[0], scale * values[1]
+    return result
 
 
 _FREE = Keys(
@@ -219,20 +223,20 @@ def given_angles(arm: ArmModel, table: Table, key: str) -> np.ndarray:
         with table.at(key):
             return values_of_state(arm, arm.states, name)[None]
     q = np.full(arm.n, np.nan)
-    for own, slides in _angle_keys(arm, key).items():
+    for key_given, slides in _angle_keys(arm, key).items():
         joints = arm.prismatic == slides
-        if own not in table:
-            table.one_of(own, f"{key}_pose")  # complains
-        q[joints] = joint_values(table, own, arm, slides=slides)
+        if key_given not in table:
+            table.one_of(key_given, f"{key}_pose")  # complains
+        q[joints] = joint_values(table, key_given, arm, slides=slides)
         if lacking := [arm.joint_names[j] for j in np.flatnonzero(joints & np.isnan(q))]:
-            raise table.error(f"no value for {', '.join(lacking)}", own)
+            raise table.error(f"no value for {', '.join(lacking)}", key_given)
     return q[None]
 
 
 def _angle_keys(arm: ArmModel, key: str) -> dict[str, bool]:
     """Keys of the values of start or goal, as far as there are such joints; whether the joints slide."""
     keys = {f"{key}_deg": False, f"{key}_m": True}
-    return {own: slides for own, slides in keys.items() if (arm.prismatic == slides).any()}
+    return {key_given: slides for key_given, slides in keys.items() if (arm.prismatic == slides).any()}
 
 
 def read_target(arm: ArmModel, table: Table, key: str) -> PoseTarget | None:
@@ -246,7 +250,7 @@ def read_target(arm: ArmModel, table: Table, key: str) -> PoseTarget | None:
         axis, fold = given.get("symmetric_about", ""), given["fold"]
         orientation, tool_axis = given["orientation"], given["tool_axis"]
         ranges = given.table("free")
-        free = np.array([ranges[own] for own in AXES])
+        free = np.array([ranges[axis_name] for axis_name in AXES])
         ranges.close()
         with given.at():
             return PoseTarget(position, rotation, axis, fold, orientation, tool_axis, free)

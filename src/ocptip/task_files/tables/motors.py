@@ -137,20 +137,20 @@ def arm_and_motors(
 
 def read_gears(table: Table, arm: ArmModel) -> Gears | None:
     """Springs and dampers of turning joints, of [motors]; None if there are none."""
-    found = joint_values(table, "gear_stiffness", arm, slides=False)
+    result = joint_values(table, "gear_stiffness", arm, slides=False)
     key = table.one_of("gear_damping")
-    if found is None:
+    if result is None:
         if key is not None:
             raise table.error("needs gear_stiffness; give that as well", key)
         return None
     stiffness = np.full(arm.n, np.inf)
-    stiffness[~arm.prismatic] = np.where(np.isnan(found), np.inf, found)
+    stiffness[~arm.prismatic] = np.where(np.isnan(result), np.inf, result)
     damping = None
     if key == "gear_damping":
-        own = joint_values(table, key, arm, slides=False)
-        assert own is not None  # the key is there
+        values = joint_values(table, key, arm, slides=False)
+        assert values is not None  # the key is there
         damping = np.zeros(arm.n)
-        damping[~arm.prismatic] = own
+        damping[~arm.prismatic] = values
         lacking = np.isnan(damping) & np.isfinite(stiffness)
         if lacking.any():
             raise table.error(f"no value for {', '.join(np.array(arm.joint_names)[lacking])}", key)
@@ -172,15 +172,15 @@ def gear_damping_ratio(table: Table) -> float:
 def _require_limits(data: Table, arm: ArmModel) -> None:
     """Refuse to estimate motors without limits of torque and speed; says which keys give them."""
     keys = {"torque": ("torque_Nm", "force_N"), "speed": ("speed_deg_s", "speed_m_s")}
-    found = []
+    require_limits = []
     for limit, (turning, sliding) in keys.items():
         for slides, key in ((False, turning), (True, sliding)):
             lacking = (arm.prismatic == slides) & ~np.isfinite(getattr(arm.limits, limit))
             if lacking.any():
                 names = ", ".join(np.array(arm.joint_names)[lacking])
-                found.append(f"the URDF has no {limit} limit of {names}; give {key}")
-    if found:
-        raise data.table("arm").error("; ".join(found), "limits")
+                require_limits.append(f"the URDF has no {limit} limit of {names}; give {key}")
+    if require_limits:
+        raise data.table("arm").error("; ".join(require_limits), "limits")
 
 
 def power_maps(table: Table, n: int) -> PowerMaps:

@@ -86,7 +86,7 @@ def _object(table: Table) -> Object:
     if table.one_of("contacts") == "cup":
         cups = table.tables("cup")
         points = ROUND if len(cups) == 1 else _SEVERAL
-        held = [_cup(own, given["friction"], points) for own in cups]
+        held = [_cup(cups_held, given["friction"], points) for cups_held in cups]
         given |= {"contacts": [contact for rim in held for contact in rim], "friction": None}
     table.close()
     with table.at(size=shape or ""):

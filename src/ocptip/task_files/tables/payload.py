@@ -110,7 +110,11 @@ def load_table(data: Table, segment: Table | None = None, key: str = "payload") 
 def _names(data: Table, key: str) -> list[str]:
     """Names of the tables below `[payload]`, if it has nothing else."""
     value = data.value(key)
-    tables = isinstance(value, dict) and value and all(isinstance(own, dict) for own in value.values())
+    tables = (
+        isinstance(value, dict)
+        and value
+        and all(isinstance(value_given, dict) for value_given in value.values())
+    )
     return [name for name in value if name != "shape"] if tables and list(value) != ["shape"] else []
 
 
@@ -161,9 +165,9 @@ def _varying(text: str, axes: str) -> ProcessWrench:
             raise InputError(f"column {name!r}: expected one each of {', '.join(known)}")
     if len(first) != 1 or len(header) < 2:
         raise InputError(f"expected one column of {', '.join(_OVER)} and some of {', '.join(_COLUMNS)}")
-    own = {name: rows[:, k] for k, name in enumerate(header)}
-    load = np.stack([own.get(name, np.zeros(len(rows))) for name in _COLUMNS], axis=1)
-    return ProcessWrench(load[:, :3], load[:, 3:], axes, _OVER[first[0]], own[first[0]])
+    columns = {name: rows[:, k] for k, name in enumerate(header)}
+    load = np.stack([columns.get(name, np.zeros(len(rows))) for name in _COLUMNS], axis=1)
+    return ProcessWrench(load[:, :3], load[:, 3:], axes, _OVER[first[0]], columns[first[0]])
 
 
 SENSOR = Keys(

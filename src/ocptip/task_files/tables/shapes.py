@@ -143,11 +143,11 @@ def read_shapes(owner: Table, default: str, *, carried: bool = False) -> list[Bo
     """
     single = isinstance(owner.value("shape"), dict)
     tables = [owner.table("shape")] if single else owner.tables("shape")
-    found = []
+    results = []
     for number, table in enumerate(tables, 1):
         name = table.get("name", f"{default} {number}" if len(tables) > 1 else default)
-        found += [BodyShape(name, 0, shape, carried) for shape in read_shape(table)]
-    return found
+        results += [BodyShape(name, 0, shape, carried) for shape in read_shape(table)]
+    return results
 
 
 def read_base_shapes(data: Table) -> list[BodyShape]:
@@ -171,7 +171,7 @@ def read_obstacles(data: Table, key: str, *, numbered: bool = False, world: bool
         world: in world axes, where floors are none of them.
     """
     tables = data.tables(key)
-    found: list[Obstacle] = []
+    obstacles: list[Obstacle] = []
     for number, table in enumerate(tables, 1):
         kind = table["kind"]
         name = f"{kind} {number}" if numbered and len(tables) > 1 else kind
@@ -179,17 +179,17 @@ def read_obstacles(data: Table, key: str, *, numbered: bool = False, world: bool
             hint = "give it as [[base_obstacle]], or a wall with its normal"
             raise table.error(f"a floor belongs to the base: {hint}", "kind")
         if kind == "floor":
-            found.append(table.make(floor, table["height"]))
+            obstacles.append(table.make(floor, table["height"]))
         elif kind == "wall":
             normal, distance = table["normal"], table["distance"]
-            found.append(table.make(Wall, normal, distance, table.get("name", name)))
+            obstacles.append(table.make(Wall, normal, distance, table.get("name", name)))
         elif kind == "pillar":
             pillar = table["point"], table["radius"], table["axis"]
-            found.append(table.make(Pillar, *pillar, table.get("name", name)))
+            obstacles.append(table.make(Pillar, *pillar, table.get("name", name)))
         else:
             name = table.get("name", name)
-            found += [Solid(shape, name) for shape in read_shape(table)]
-    return found
+            obstacles += [Solid(shape, name) for shape in read_shape(table)]
+    return obstacles
 
 
 def without_excluded(arm: ArmModel, table: Table) -> ArmModel:
@@ -214,10 +214,10 @@ def carrying(arm: ArmModel, shapes: Sequence[BodyShape]) -> ArmModel:
     """The arm with solids that its gripper holds, given in the axes of the gripper."""
     if not shapes:
         return arm
-    own = arm.geometry or geometry_of_spheres(arm)
+    geometry = arm.geometry or geometry_of_spheres(arm)
     tool = arm.tool_rotation, arm.offsets[-1]
     held = [replace(s, body=arm.links, shape=s.shape.placed(*tool)) for s in shapes]
-    return replace(arm, geometry=replace(own, shapes=(*own.shapes, *held)))
+    return replace(arm, geometry=replace(geometry, shapes=(*geometry.shapes, *held)))
 
 
 def require_geometry(data: Table, arm: ArmModel, given: Mapping[str, Sequence], *, hint: str = "") -> None:

@@ -87,7 +87,7 @@ def read_terrain(data: Table) -> list[Patch]:
     """
     patches = data.tables("terrain")
     names = [f"plane {k}" for k in range(1, len(patches) + 1)] if len(patches) != 1 else ["floor"]
-    return [_patch(*own) for own in zip(patches, names, strict=True)] or [plane()]
+    return [_patch(*patch) for patch in zip(patches, names, strict=True)] or [plane()]
 
 
 def _patch(table: Table, name: str) -> Patch:
