@@ -34,17 +34,19 @@ OPENERS = {
 }  # fmt: skip
 """Names of functions that open or parse files."""
 
+_OF_MACHINE_CODE = "expressions", "module", "native", "values"
 ELSEWHERE = {
     "basics/write.py": {"open"},  # writes
     "cli/command.py": {"open"},  # /dev/null
     "cli/start/examples.py": {"read_bytes"},  # of the package
     "cli/many.py": {"loads"},  # what this process made
     "motion/planner/jobs.py": {"loads"},  # likewise
-    "numerics/jit/compiled.py": {"read_bytes", "open"},  # the kernels' source, also to lock it
-    "numerics/jit/native.py": {"load"},  # an instruction
+    "numerics/jit/compiled.py": {"read_bytes"},  # the kernels' source
+    "numerics/jit/lowering.py": {"parse", "load"},  # a kernel's source; an instruction
+    **{f"numerics/jit/{name}.py": {"load"} for name in _OF_MACHINE_CODE},  # an instruction
     "numerics/jit/private.py": {"open", "fdopen"},  # machine code, with rules of its own
     "parallel/code/codegen.py": {"read_bytes", "read_text"},  # what this process made
-    "pictures/animation.py": {"open"},  # what this process made
+    "pictures/movie.py": {"open", "read_text"},  # what this process made, of the package
     "pictures/browser/panel.py": {"read_text"},  # of the package
     "published/arms.py": {"loads", "read_text"},  # of the package
     "robots/urdf/conversion.py": {"from_xml_path"},  # MuJoCo reads its own format, after require_readable

@@ -79,13 +79,13 @@ def test_no_late_joints_come_nearer_than_is_found_and_proved(swing, proved):
 @pytest.mark.parametrize("on_time", [True, False], ids=["on time", "not at all"])
 def test_without_proof_of_late_joints_the_rest_is_proved(swing, proved, monkeypatch, on_time):
     robot, motion, limits = swing
-    found = SearchWithin.claims
+    claims = SearchWithin.claims
     late = attrgetter("sharing.late.delay")
 
-    def found_on_time(search, *args):
-        return found(search, *args) if on_time and not late(search) else None
+    def claims_on_time(search, *args):
+        return claims(search, *args) if on_time and not late(search) else None
 
-    monkeypatch.setattr(SearchWithin, "found", found_on_time)
+    monkeypatch.setattr(SearchWithin, "claims", claims_on_time)
     found_now = certify(robot, motion, limits, proved[0].worst)
     assert found_now.holds, found_now.verdict.problems
     assert not found_now.certified

@@ -143,7 +143,7 @@ def test_bounds_of_joints_on_time_say_so(monkeypatch):
 
     def on_time_only(robot, model, motion, tolerance, *more):
         search = SearchWithin(robot, model, motion, tolerance, *more)
-        return SimpleNamespace(found=lambda _: None) if tolerance["delay"] else search
+        return SimpleNamespace(claims=lambda _: None) if tolerance["delay"] else search
 
     monkeypatch.setattr("ocptip.certificate.find.SearchWithin", on_time_only)
     found = certify(task.robot, motion, limits, checked.worst)
@@ -175,7 +175,7 @@ def test_what_is_lost_as_sampled_is_not_searched(monkeypatch):
     limits = Limits(tolerance=replace(WORKSHOP, extra_mass=30.0), clearance=0.0)
     checked = check_motion(task.robot, motion, limits)
     assert checked.worst["GN_worst_case"].value > 1.1
-    monkeypatch.setattr(SearchWithin, "found", None)  # nobody calls it
+    monkeypatch.setattr(SearchWithin, "claims", None)  # nobody calls it
     found = certify(task.robot, motion, limits, checked.worst)
     assert found.holds
     assert not found.certified

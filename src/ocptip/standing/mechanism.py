@@ -442,8 +442,7 @@ class StandingMechanism(MadeOf, Footing, ABC):
         if len(times) == 0:
             return 0.0
         q, qd, qdd = motion.states(times)
-        torques, _ = robot.loads(q, qd, qdd, robot.acting(times))
-        power = self.motors.power(torques, self.motor_speeds(q, qd))
+        power = self.motors.power(robot.loads(q, qd, qdd, robot.acting(times))[0], self.motor_speeds(q, qd))
         return float(weights @ np.sum(power, axis=1)) + self.support.power * motion.end
 
     def quadrature(self, motion: Trajectory, order: int) -> tuple[np.ndarray, np.ndarray]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.api.results.drive_files import limits_csv, smoother_yaml
 from ocptip.basics.errors import positive_number
 from ocptip.basics.outputs import SavedFolder
 from ocptip.basics.write import versions
@@ -429,19 +428,8 @@ class DriveEnvelope(SavedFolder):
 
     def to_csv(self) -> str:
         """Directions and manoeuvres of the base, then of each object, as a table; empty: without a limit."""
-        stream, of_object = io.StringIO(), ["object"] if self.objects else []
-        rows = csv.writer(stream, lineterminator="\n")
-        cases = ["nominal", *(["within"] if self.within else [])]
-        values = [(case, name) for case in cases for name in ("largest", "tips_at", "slips_at")]
-        rows.writerow(["manoeuvre", "direction_deg", "unit", *map("_".join, values), *of_object])
-        for name, envelope in {"": self, **self.objects}.items():
-            limits = envelope.limits
-            around = [("direction", one) for one in limits["directions"]]
-            for key, one in (*around, *limits["manoeuvres"].items()):
-                results = [one[case][value] for case, value in values]
-                about = key, one.get("direction_deg"), one["unit"]
-                rows.writerow([*about, *results, *[name for _ in of_object]])
-        return stream.getvalue()
+        limits = {"": self.limits, **{name: envelope.limits for name, envelope in self.objects.items()}}
+        return limits_csv(limits, ["nominal", *(["within"] if self.within else [])])
 
     def to_yaml(self) -> str:
         """Parameters of Nav2's velocity smoother."""
@@ -452,13 +440,8 @@ class DriveEnvelope(SavedFolder):
         if not lift and not np.isnan(self.worst.lift[: len(self.angles)]).any():
             lift = "no contact lifts before the base tips on level ground, if contacts are equally compliant"
         first = f"{self.name}: {self.scope}"
-        texts = first, self.together, self.ground, edge, ASSUMED, self.reverse, lift, self.choice
-        lines = [*(f"# {text}" for text in texts if text), "velocity_smoother:", "  ros__parameters:"]
-        for name, values in self.navigation.items():
-            # Rounded towards zero: the numbers must stay inside the envelope.
-            shown = ", ".join(f"{np.trunc(1e3 * value) / 1e3 + 0.0:.3f}" for value in values)
-            lines.append(f"    {name}: [{shown}]")
-        return "\n".join([*lines, ""])
+        remarks = first, self.together, self.ground, edge, ASSUMED, self.reverse, lift, self.choice
+        return smoother_yaml(remarks, self.navigation)
 
     def contents(self, figures: bool) -> dict[str, bytes]:
         """drive.csv, nav2.yaml and drive.png."""

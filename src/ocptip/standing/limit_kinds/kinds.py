@@ -253,7 +253,7 @@ class CancelAngleLimit(StateLimit, AngleLimit):
         # A joint that starts or ends at an end stop rests there: half of its distance is enough.
         q, k = rows.at.motion_states[0][rows.nodes, rows.places], rows.places
         low, high = self._low[k], self._high[k]
-        below, above = (np.clip(room_left / 2, 0.0, RESTS_INSIDE) for room_left in (q - low, high - q))
+        below, above = (np.clip(left / 2, 0.0, RESTS_INSIDE) for left in (q - low, high - q))
         return low + below, high - above
 
     def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:

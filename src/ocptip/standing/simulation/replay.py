@@ -229,10 +229,8 @@ class Simulator:
             across = np.linalg.norm(away - (away @ contact.normal)[:, None] * contact.normal, axis=1)
             slides[k] = np.max(across, where=held, initial=0.0)
         middle = times[:-1] + 0.5 * self.step
-        event_times = [
-            part.begin + np.append(part.motion.event_times, part.end - part.begin) for part in parts
-        ]
-        events = (np.concatenate(event_times)[:, None] + late[None]).ravel()
+        events = [part.begin + np.append(part.motion.event_times, part.end - part.begin) for part in parts]
+        events = (np.concatenate(events)[:, None] + late[None]).ravel()
         quiet = np.abs(middle[:, None] - events[None]).min(axis=1) > _EVENT * self.step
         broken = unstable or not np.isfinite(sensed).all()
         heights, forces = np.nan_to_num(heights, nan=np.inf), np.nan_to_num(forces)

@@ -1,0 +1,39 @@
+"""Files of a drive envelope: a table, and parameters of Nav2's velocity smoother."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+
+def limits_csv(limits: Mapping[str, dict[str, Any]], cases: Sequence[str]) -> str:
+    """Directions and manoeuvres of the base, then of each object, as a table; empty: without a limit.
+
+    Args:
+        limits: `DriveEnvelope.limits` of the base, named "", and of each object.
+        cases: "nominal", and "within" where there is an uncertainty.
+    """
+    stream, of_object = io.StringIO(), ["object"] if len(limits) > 1 else []
+    rows = csv.writer(stream, lineterminator="\n")
+    values = [(case, name) for case in cases for name in ("largest", "tips_at", "slips_at")]
+    rows.writerow(["manoeuvre", "direction_deg", "unit", *map("_".join, values), *of_object])
+    for name, table in limits.items():
+        around = [("direction", one) for one in table["directions"]]
+        for key, one in (*around, *table["manoeuvres"].items()):
+            about = key, one.get("direction_deg"), one["unit"]
+            rows.writerow([*about, *(one[case][value] for case, value in values), *[name for _ in of_object]])
+    return stream.getvalue()
+
+
+def smoother_yaml(remarks: Iterable[str], navigation: Mapping[str, Sequence[float]]) -> str:
+    """Parameters of Nav2's velocity smoother, after remarks; empty ones are left out."""
+    lines = [*(f"# {text}" for text in remarks if text), "velocity_smoother:", "  ros__parameters:"]
+    for name, values in navigation.items():
+        # Rounded towards zero: the numbers must stay inside the envelope.
+        shown = ", ".join(f"{np.trunc(1e3 * value) / 1e3 + 0.0:.3f}" for value in values)
+        lines.append(f"    {name}: [{shown}]")
+    return "\n".join([*lines, ""])
