@@ -2,7 +2,7 @@
 
 The language is what inner loops need: numbers, C-contiguous arrays, `range`, calls of other kernels. The type
 of a variable is that of its first value, and types of arguments are those of a call. So there is no inference
-of types, and compilation takes a tenth of the time that Numba (0.68) needs: 4 instead of 39 s of CPU for the
+of types, and compilation takes a sixth of the time that Numba (0.68) needs: 6 instead of 39 s of CPU for the
 kernels of a plan. Without `any_order` Python runs the same functions with the same results to the last bit.
 """
 
