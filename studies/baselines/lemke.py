@@ -39,9 +39,9 @@ STATUSES = ("solved", "ray", "pivot limit", "inaccurate")
 _TEXTBOOK, _LEXICOGRAPHIC, _LARGEST_PIVOT = range(3)
 _SOLVED, _RAY, _PIVOT_LIMIT, _INACCURATE = range(4)
 
-# Smallest pivot that is accepted and distance at which two ratios count as equal, by rule.
-_PIVOT_TOLERANCE = np.array([0.0, 1e-9, 1e-10])
-_TIE_TOLERANCE = np.array([0.0, 1e-10, 1e-10])
+# Smallest pivot that is accepted, and distance at which two ratios count as equal; of the textbook's rule: 0.
+_LEXICOGRAPHIC_PIVOT, _LARGEST_PIVOT_LEAST = 1e-9, 1e-10
+_TIE_TOLERANCE = 1e-10
 _EPSILON = float(np.finfo(float).eps)
 
 
@@ -252,9 +252,9 @@ def _solve_one(M, q, factor, rule, max_pivots, tableau, basis, column, place, ti
     -1 - j where v is non-basic in column j.
     """
     n = q.shape[0]
-    z[:] = 0.0
     leaving_row = 0
     for i in range(n):
+        z[i] = 0.0
         tableau[i, n] = -1.0
         tableau[i, n + 1] = q[i] / factor
         for j in range(n):
@@ -273,7 +273,7 @@ def _solve_one(M, q, factor, rule, max_pivots, tableau, basis, column, place, ti
     if rule == _LEXICOGRAPHIC:
         # The row that leaves first must be the lexicographically smallest of (q, I): the last of the tied.
         for i in range(n):
-            if tableau[i, n + 1] <= lowest + _TIE_TOLERANCE[rule]:
+            if tableau[i, n + 1] <= lowest + _TIE_TOLERANCE:
                 leaving_row = i
 
     entering = n
@@ -322,8 +322,9 @@ def _ratio_test(T, column, place, tied, c, rule):
     """Row that blocks the variable of column c, or -1 where none does."""
     n = T.shape[0]
     rhs = n + 1
-    pivot_tolerance = _PIVOT_TOLERANCE[rule]
-    tie_tolerance = _TIE_TOLERANCE[rule]
+    smallest = _LEXICOGRAPHIC_PIVOT if rule == _LEXICOGRAPHIC else _LARGEST_PIVOT_LEAST
+    pivot_tolerance = 0.0 if rule == _TEXTBOOK else smallest
+    tie_tolerance = 0.0 if rule == _TEXTBOOK else _TIE_TOLERANCE
     best = -1
     lowest = np.inf
     for i in range(n):

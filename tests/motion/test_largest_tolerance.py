@@ -7,6 +7,7 @@ import pickle
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from ocptip.basics.errors import PlanningError
@@ -14,6 +15,7 @@ from ocptip.motion import largest_tolerance as module
 from ocptip.motion import multi_start
 from ocptip.motion.multi_start import ToleranceError
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from tests.quick import some
 
@@ -165,7 +167,10 @@ def test_a_refusal_does_not_say_that_all_of_the_tolerance_can_be_had(monkeypatch
     monkeypatch.setattr(multi_start, "too_much", lambda *_: (WORKSHOP, share, "why"))
     task = experiment_task("A", "effective")
     task = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
-    check, result = SimpleNamespace(violations=("GT is 2",)), SimpleNamespace(energy=1.0, number=3)
+    check, result = (
+        SimpleNamespace(violations=(Worst("", 0.0, np.nan, 0.0, "GT is 2", np.inf),)),
+        SimpleNamespace(energy=1.0, number=3),
+    )
     error = multi_start._refusal(task, [SimpleNamespace(check=check, result=result, motion=task.reference)])
     assert expected in str(error)
     assert "100 %" not in str(error)
