@@ -554,7 +554,7 @@ def test_readme_shows_a_plan(root):
     lines = printed_plan(root, "README.md")
     assert lines == printed_plan(root, "docs/commands.md")
     assert lines[0] == "A   PROVED for 'workshop' uncertainty (default)"
-    assert re.match(r"Motion  \d\.\d{3} s   \d+\.\d J \(-\d+ % vs reference\)", lines[1])
+    assert re.match(r"Motion  \d\.\d{3} s   \d+(\.\d)? J \(-\d+ % vs reference\)", lines[1])
     assert (root / "docs" / "motion.gif").read_bytes().startswith(b"GIF8")
 
 
