@@ -46,7 +46,7 @@ def object_claims(
     `find_cancels.cancel_claims`.
     """
     every = ObjectClaims()
-    for carried in (_in_link(robot, carried_here) for carried_here in robot.carried):
+    for carried in (_in_link(robot, body) for body in robot.carried):
         footing, data = carried.footing, object_data(robot, carried)
         kinds = {"cover": (False, NOTHING)} | ({"cover_within": (True, tolerance)} if tolerance else {})
         bounds, short = dict[str, float](), list[tuple[float, float, str, float]]()
@@ -59,8 +59,8 @@ def object_claims(
             if any(name not in worst or not worst[name].value < 1 for name in names):
                 break
             goals = {
-                carried_here: goal_within(limits, worst, name)
-                for carried_here, name in zip(CLAIMS_WITHIN, names, strict=True)
+                claim: goal_within(limits, worst, name)
+                for claim, name in zip(CLAIMS_WITHIN, names, strict=True)
             }
             held = footing.weakest(limits.tolerance) if within else footing
             result = SearchWithin(held, model, motion, world, goals, knots, data).claims()
@@ -70,10 +70,7 @@ def object_claims(
                     short = [(a, b, claim.replace(" within tolerance", ""), by) for a, b, claim, by in short]
                 break
             proof[key] = result.cover
-            bounds |= {
-                name: result.bounds[carried_here]
-                for carried_here, name in zip(CLAIMS_WITHIN, names, strict=True)
-            }
+            bounds |= {name: result.bounds[claim] for claim, name in zip(CLAIMS_WITHIN, names, strict=True)}
         else:
             every.model.append(data)
             every.proofs.append(proof)

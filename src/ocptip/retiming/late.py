@@ -240,12 +240,10 @@ class LateJoints:
             )
             places.append(s[last] + share * (s[last + 1] - s[last]))
             bases.append(None)
-        made = [[way for _, way in options_there] for options_there in results]
+        made = [[way for _, way in pairs] for pairs in results]
         options = np.full((len(results), self._q.shape[1], max(map(len, made)), 4), np.nan)
-        for instant, options_there in enumerate(results):
-            options[instant, :, : len(options_there)] = np.array(
-                [state for state, _ in options_there]
-            ).transpose(2, 0, 1)
+        for instant, pairs in enumerate(results):
+            options[instant, :, : len(pairs)] = np.array([state for state, _ in pairs]).transpose(2, 0, 1)
         return options, made, np.array(places), bases
 
     def _at(self, nodes: _Nodes, node: int, time: float, share: float) -> list[tuple[tuple, _Made]]:

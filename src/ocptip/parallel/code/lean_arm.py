@@ -58,9 +58,9 @@ def _chain(model: ArmModel, q: list[cs.SX]) -> LegModel:
     fixed = [_elementary(rotation) for rotation in model.rotations]
     turns, slides = [], []
     for i, before in enumerate(fixed):
-        slides_here = bool(model.prismatic[i])
-        turns.append(Rotation(before.turns if slides_here else (*before.turns, turn(2, q[i]))))
-        slides.append(before(vector([0.0, 0.0, q[i]])) if slides_here else vector(np.zeros(3)))
+        prismatic = bool(model.prismatic[i])
+        turns.append(Rotation(before.turns if prismatic else (*before.turns, turn(2, q[i]))))
+        slides.append(before(vector([0.0, 0.0, q[i]])) if prismatic else vector(np.zeros(3)))
     mount = _elementary(model.mount_rotation)
     turns[0] = mount @ turns[0]
     segments = [vector(offset) for offset in model.offsets]
@@ -69,7 +69,7 @@ def _chain(model: ArmModel, q: list[cs.SX]) -> LegModel:
     zeros = [cs.SX(0.0)] * model.n
     return LegModel(
         q=q,
-        revolute=[not slides_here for slides_here in model.prismatic],
+        revolute=[not prismatic for prismatic in model.prismatic],
         turns=turns,
         origin=plus(vector(model.mount_position), mount(slides[0])),
         segments=segments,

@@ -214,7 +214,7 @@ def _feet(
     if elastic is not None:
         still = start[None]
         delays = Modes.of(elastic, robot.inertia(still, 0 * still)[0][0]).delays
-    for k, foot_here in enumerate(support.contacts):
+    for k, binding in enumerate(support.contacts):
         body, place = base, support.arms[k]
         if elastic is not None:
             body = add(base, "body", name=f"{FOOT_BODY}{k + 1}", pos=text(place))
@@ -228,9 +228,9 @@ def _feet(
                     damping=text(delays[k] * stiffness),
                 )  # fmt: skip
             place = np.zeros(3)
-        for jaw in jaws_of(foot_here, k):
+        for jaw in jaws_of(binding, k):
             foot, floor = f"{FOOT_BODY}{jaw.name}", f"ground{jaw.name}"
-            placing = {"pos": text(foot_here.position), "quat": text(upright(jaw.normal))}
+            placing = {"pos": text(binding.position), "quat": text(upright(jaw.normal))}
             grey = {"rgba": "0.8 0.8 0.8 1"}
             if jaw.slides:
                 jaw_name = f"{JAW_BODY}{jaw.name}"

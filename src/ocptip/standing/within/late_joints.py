@@ -299,24 +299,22 @@ def _worst_combinations(every: list[_Instant], cases: WorstCase) -> DelayedState
     At the worst instants of each they are the worst that exchanging the case of one joint at a time leads to.
     """
     n = len(every[0].options)
-    counts = np.array([[len(choices_here) for choices_here in instant.options] for instant in every])
+    counts = np.array([[len(of_joint) for of_joint in instant.options] for instant in every])
     options = np.full((len(every), n, np.max(counts), 4), np.nan)
     given = np.arange(options.shape[2]) < counts[:, :, None]
-    options[given] = [
-        way[:4] for instant in every for choices_here in instant.options for way in choices_here
-    ]
+    options[given] = [way[:4] for instant in every for of_joint in instant.options for way in of_joint]
     acting = np.array([instant.acting for instant in every])
     number = chosen_by_slopes(options, cases, acting, range(cases.axes))[0].tolist()
     instants, slips = slipping(options, cases, acting)
-    tips = {(i, choice) for i, choices_here in enumerate(number) for choice in map(tuple, choices_here)}
+    tips = {(i, choice) for i, picked in enumerate(number) for choice in map(tuple, picked)}
     chosen = sorted(tips.union(zip(instants.tolist(), map(tuple, slips.tolist()), strict=True)))
     rows, choices = np.array([i for i, _ in chosen]), np.array([choice for _, choice in chosen])
     numbers = options[rows[:, None], np.arange(n), choices]  # (C, n, 4)
     states = np.hstack([numbers[..., :3].transpose(0, 2, 1).reshape(len(rows), -1), acting[rows]])
     words = []
     for i, choice in chosen:
-        choices_here, joints = every[i].options, every[i].joints
-        words.append(_words_of(joints, [choices_here[j][choice[j]][4] for j in joints]))
+        by_joint, joints = every[i].options, every[i].joints
+        words.append(_words_of(joints, [by_joint[j][choice[j]][4] for j in joints]))
     return DelayedStates(states, np.array([instant.t for instant in every])[rows], numbers[..., 3], words)
 
 
