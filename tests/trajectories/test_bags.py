@@ -214,6 +214,73 @@ def test_a_bag_is_read_by_its_own_definition_of_a_type(tmp_path, kind):
     assert load_motion(path, NAMES, topic="/display_planned_path").end == pytest.approx(1.5)
 
 
+IDL = {
+    JOINT_STATE: """
+#include "std_msgs/msg/Header.idl"
+module sensor_msgs {
+  module msg {
+    module JointState_Constants {
+      const uint8 GOOD = 7;
+    };
+    @verbatim (language="comment", text=
+      "This is a message that holds data to describe the state of a set of torque controlled joints.")
+    struct JointState {
+      std_msgs::msg::Header header;
+      uint8 quality;
+      sequence<string> name;
+      sequence<double> position;
+      @unit (value="rad/s")
+      sequence<double> velocity;
+      sequence<double> effort;
+    };
+  };
+};
+""",
+    "std_msgs/msg/Header": """
+#include "builtin_interfaces/msg/Time.idl"
+module std_msgs {
+  module msg {
+    struct Header {
+      builtin_interfaces::msg::Time stamp;
+      string frame_id;
+    };
+  };
+};
+""",
+    "builtin_interfaces/msg/Time": """
+module builtin_interfaces {
+  module msg {
+    struct Time {
+      int32 sec;
+      uint32 nanosec;
+    };
+  };
+};
+""",
+}
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3"])
+def test_definitions_in_idl_are_those_of_the_messages(tmp_path, kind):
+    """As ROS 2 records types that are made from IDL: each below a line of "=" and its name."""
+    text = "".join(f"{'=' * 80}\nIDL: {name}{definition}" for name, definition in IDL.items())
+    with bag(tmp_path / "run", kind) as own:
+        defined(own, {JOINT_STATE: NEWER})
+        how = {"msgdef": text, "rihs01": own.store.hash_rihs01(JOINT_STATE)}
+        own.topics["/joint_states"] = own.writer.add_connection("/joint_states", JOINT_STATE, **how)
+        state = own.store.types[JOINT_STATE]
+        for t, q, v in zip(TIMES, swing(TIMES), speeds(TIMES), strict=True):
+            fields = np.array(q), np.array(v), np.zeros(0)
+            own.add("/joint_states", JOINT_STATE, t, state(own.header(0.0), 7, NAMES, *fields))
+    assert b"IDL: sensor_msgs" in b"".join(p.read_bytes() for p in (tmp_path / "run").iterdir())
+    table = recording_in_bag(tmp_path / "run")
+    rows = np.array([[float(x) for x in row] for row in table.rows])
+    columns = {name: rows[:, table.header.index(name)] for name in table.header}
+    for joint, name in enumerate(NAMES):
+        np.testing.assert_array_equal(columns[f"{name}.position"], swing(TIMES)[:, joint])
+        np.testing.assert_array_equal(columns[f"{name}.velocity"], speeds(TIMES)[:, joint])
+
+
 def test_definitions_that_cannot_be_read_matter_only_where_they_are_wanted(tmp_path):
     path = tmp_path / "run.bag"
     with bag(path, "ros1") as own:
