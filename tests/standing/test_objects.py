@@ -409,7 +409,8 @@ def test_stops_of_a_slide_use_the_friction_of_the_object_that_their_deceleration
             assert found.kept_while_moving
     safe = safe_decelerations(robot, motion, Limits(), Cancel((20.0,)))
     assert safe.maximum == pytest.approx(0.9 * 0.2 * G / 20.0, abs=0.006)
-    assert "low slips when cancelled" in safe.hardest.broken[0]
+    assert safe.hardest.broken[0].name == "GT[low]"
+    assert " low slips in a cancel begun at " in safe.text
 
 
 def test_stops_of_a_slide_by_brakes_use_the_friction_that_their_force_over_the_moved_mass_needs():

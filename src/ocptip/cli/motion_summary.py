@@ -190,7 +190,7 @@ def cancel_lines(
     units = (
         ""
         if safe_decelerations.together
-        else f"  # {' and '.join(f'{unit}/s^2' for unit in dict.fromkeys(safe_decelerations.units))}"
+        else f"  # {' and '.join(f'{unit}/s^2' for unit in dict.fromkeys(safe_decelerations.robot.units))}"
     )
     return [
         *wrapped("Cancel", [f"{of}{safe_decelerations.verdict if segment else safe_decelerations.text}"]),

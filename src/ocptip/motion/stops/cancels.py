@@ -7,18 +7,25 @@ joint range or the clear space, or the stop takes too long.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ocptip.basics.text import percent, quantity
+from ocptip.motion.stops.broken import (
+    CANCEL,
+    CLEARANCE,
+    broken_contacts,
+    broken_drives,
+    broken_duration,
+    broken_postures,
+    broken_within,
+)
+from ocptip.motion.violations import broken_words
 from ocptip.numerics.bisection import bisected
-from ocptip.reserves.tipping import moment_at
 from ocptip.standing.arm import Robot
-from ocptip.standing.footing import Footing
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import SLIP_WITHIN, WITHIN_OF, Limits
-from ocptip.standing.objects import BASE
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times
 from ocptip.standing.within.cancelled import worst_of_cancels
 from ocptip.standing.within.worst_case import worst_case_of
@@ -42,7 +49,7 @@ class CancelLevel:
         longest_stop_s: from the cancel until everything rests.
         clearance_m: the smallest distance; None where it is not known.
         stops: in time, in the joint range and in clear space, whatever becomes of contacts and drives.
-        broken: one sentence per broken limit; empty where the stops are safe.
+        broken: limits, that of the contacts first; empty where the stops are safe.
     """
 
     share: float
@@ -52,7 +59,7 @@ class CancelLevel:
     longest_stop_s: float
     clearance_m: float | None
     stops: bool
-    broken: tuple[str, ...]
+    broken: tuple[Worst, ...]
 
     @property
     def safe(self) -> bool:
@@ -65,8 +72,8 @@ class SafeDecelerations:
     """Which decelerations of a cancelled motion are safe.
 
     Attributes:
+        robot: whose motion it is.
         full: n, rad/s^2 (sliding joints: m/s^2), at 100 %.
-        names, units: of the joints; units "rad" or "m".
         of_limits: these are the acceleration limits, which a controller would use by default.
         together: joints come to rest together, see `Cancel`.
         planned: the motion was planned to be safe when cancelled.
@@ -76,9 +83,8 @@ class SafeDecelerations:
         instants: number of those at which the motion is cancelled, for each level.
     """
 
+    robot: Robot
     full: tuple[float, ...]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
     of_limits: bool
     together: bool
     planned: bool
@@ -96,11 +102,11 @@ class SafeDecelerations:
     def deceleration(self, share: float) -> str:
         """In words: "352 deg/s^2", or the range over the joints."""
         values = [
-            np.degrees(a) if unit == "rad" else a for a, unit in zip(self.full, self.units, strict=True)
+            np.degrees(a) if unit == "rad" else a for a, unit in zip(self.full, self.robot.units, strict=True)
         ]
         texts = []
         for unit, word in (("rad", "deg/s^2"), ("m", "m/s^2")):
-            scaled = [share * value for value, of in zip(values, self.units, strict=True) if of == unit]
+            scaled = [share * value for value, of in zip(values, self.robot.units, strict=True) if of == unit]
             if scaled:
                 ends = dict.fromkeys(f"{rounded_down(end):g}" for end in (min(scaled), max(scaled)))
                 texts.append(f"{' to '.join(ends)} {word}")
@@ -116,7 +122,7 @@ class SafeDecelerations:
         values = [rounded_down(self.maximum * value) for value in self.full]
         joints = ", ".join(
             f"{name}: {{max_deceleration_on_cancel: {value:g}}}"
-            for name, value in zip(self.names, values, strict=True)
+            for name, value in zip(self.robot.names, values, strict=True)
         )
         return f"constraints: {{decelerate_on_cancel: true, {joints}}}"
 
@@ -142,8 +148,14 @@ class SafeDecelerations:
         if self.minimum is not None:  # why no gentler one is safe
             gentlest = next((level for level in self.levels if level.share < self.minimum), hardest)
         worst = dict.fromkeys([hardest, gentlest])
-        why = [f"; at {100 * level.share:.3g} % {level.broken[0]}" for level in worst if not level.safe]
+        why = [f"; at {100 * level.share:.3g} % {self._words(level)[0]}" for level in worst if not level.safe]
         return f"{kept} ({model}, checked at {self.instants} instants){''.join(why)}"
+
+    def _words(self, level: CancelLevel) -> list[str]:
+        """A sentence per broken limit, that of the contacts with the share of the instants."""
+        first, *others = broken_words(self.robot, level.broken) if level.broken else [""]
+        lost = f" ({100 * level.lost:.3g} % of the instants)" if level.lost else ""
+        return [f"{first}{lost}", *others] if first else []
 
     @property
     def _helps(self) -> str:
@@ -153,7 +165,7 @@ class SafeDecelerations:
             unhelpful = self.together or self.planned or self.hardest.torque_ratio > 1
             remedy = "" if unhelpful else ", or plan with --stop-safe cancel"
             return "" if self.hardest.safe else f". Set that in the controller{remedy}"
-        if any(text.startswith("clearance") for text in self.hardest.broken):
+        if any(broken.name == CLEARANCE for broken in self.hardest.broken):
             return ". Plans keep no clearance in cancels: plan with a larger --clearance, then check"
         gentle = f" --deceleration {100 * self.gentlest:g}%" if self.gentlest else ""
         to_plan = f". To plan for it, try ocptip plan with --stop-safe cancel{gentle}"
@@ -166,11 +178,11 @@ class SafeDecelerations:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        rows = [{**asdict(level), "broken": list(level.broken), "safe": level.safe} for level in self.levels]
+        rows = [{**vars(level), "broken": self._words(level), "safe": level.safe} for level in self.levels]
         greatest = None if self.maximum is None else [self.maximum * a for a in self.full]
         return {
             "full_deceleration": list(self.full),
-            "units": [f"{unit}/s^2" for unit in self.units],
+            "units": [f"{unit}/s^2" for unit in self.robot.units],
             "of_acceleration_limits": self.of_limits,
             **({"together": True} if self.together else {}),
             "minimum_safe_share": self.minimum,
@@ -253,9 +265,8 @@ def safe_decelerations(
         if below < len(shares):
             minimum = bisected(safe, shares[below], minimum, minimum, near)[1]
     return SafeDecelerations(
+        robot=robot,
         full=cancel.decelerations,
-        names=robot.names,
-        units=robot.units,
         of_limits=of_limits,
         together=cancel.together,
         planned=limits.cancel is not None,
@@ -282,73 +293,34 @@ def _levels(
         scaled = replace(cancel, decelerations=tuple(share * a for a in cancel.decelerations))
         checks = (CancelCheck(robot, scaled, exact=False, interface=k) for k in range(len(robot.interfaces)))
         result = stops = next(checks).stops(q, qd, process)
-        broken, lost = list[str](), np.zeros(len(q), dtype=bool)
+        broken, lost = list[Worst](), np.zeros(len(q), dtype=bool)
         for footing in robot.interfaces:
             lost = (result.GN > scaled.GN) | (result.GT > scaled.GT)
-            if lost.any():
-                when = f"when cancelled at {100 * np.mean(lost):.3g} % of the instants"
-                broken.append(
-                    f"{_contact_words(footing, scaled, np.max(result.GN), np.max(result.GT))} {when}"
-                )
+            if broken := broken_contacts(footing, times, result, scaled, CANCEL):
                 break  # further interfaces need not be evaluated
             if check := next(checks, None):
                 result = check.stops(q, qd, process)
-        longest, torque = float(np.max(stops.rests)) + scaled.reaction, float(np.max(stops.drives))
-        over, joint = stops.outside
-        known = np.isfinite(stops.clearance)
-        way = []
-        if longest > scaled.longest:
-            way.append(f"a stop takes {longest:.3g} s, must be <= {scaled.longest:g}")
-        if over > _KEPT:
-            off = f"{np.degrees(over):.3g} deg" if robot.units[joint] == "rad" else f"{1e3 * over:.3g} mm"
-            way.append(f"{robot.names[joint]} leaves its limits by {off}")
-        if known and stops.clearance < limits.clearance:
-            least, asked = 1e3 * stops.clearance, 1e3 * limits.clearance
-            where = stops.collision_words(robot, times)
-            way.append(f"clearance is {least:.3g} mm {where}, must be >= {asked:g} mm")
+        way = broken_duration(times, stops, scaled)
+        way += broken_postures(robot, times, stops, limits, CANCEL)
         for footing, of_contacts in zip(robot.interfaces, cases, strict=False):
-            if broken or way:
-                break  # nothing else need be evaluated
             worst = worst_of_cancels(of_contacts, motion, scaled, times)
-            for name, instant in zip(WITHIN_OF, worst, strict=True):
-                value = 0.0 if instant is None else instant.most
-                if value > getattr(limits, WITHIN_OF[name]):
-                    most = {"GN": limits.GN_worst_case, "GT": limits.GT_worst_case}
-                    bounds = replace(scaled, **most)
-                    words = _contact_words(footing, bounds, *(value if name == n else 0.0 for n in most))
-                    broken.append(f"{words} within {tolerance.title}")
+            for name, instant in () if broken or way else zip(WITHIN_OF, worst, strict=True):
+                known = {} if instant is None else {footing.result(name): instant}
+                if broken := [*broken_within(known, limits)]:
                     break  # slip need not be evaluated
-        if torque > 1 + _KEPT:  # after the contacts: their loss is the worse one
-            broken.append(f"a drive needs {100 * torque:.3g} % of its torque limit")
-        broken += way
+        broken += broken_drives(times, stops)  # after the contacts: their loss is the worse one
         return CancelLevel(
             share=share,
             GN=float(np.max(stops.GN)),
             lost=float(np.mean(lost)),
-            torque_ratio=torque,
-            longest_stop_s=longest,
-            clearance_m=float(stops.clearance) if known else None,
+            torque_ratio=float(np.max(stops.drives)),
+            longest_stop_s=float(np.max(stops.rests)) + scaled.reaction,
+            clearance_m=float(stops.clearance) if np.isfinite(stops.clearance) else None,
             stops=not way,
-            broken=tuple(broken),
+            broken=(*broken, *way),
         )
 
     return level
-
-
-def _contact_words(footing: Footing, limits: Cancel, GN: float, GT: float) -> str:
-    """Which limits of the contacts are broken, and by how much, in N m and per cent."""
-    reference, contact_words = footing.tip_over.reference_moment, []
-    name, of = (footing.name, f" of {footing.name}") if footing.name != BASE else ("the base", "")
-    if GN > limits.GN:
-        left, least = (quantity(moment_at(index, reference), "N m", 3) for index in (GN, limits.GN))
-        contact_words.append(
-            f"{name} tips" if GN >= 1 else f"the tipping margin{of} is {left}, must be >= {least},"
-        )
-    if GT > limits.GT:
-        slips = "slips" if contact_words and GN >= 1 else f"{name} slips"
-        used = f"{percent(GT)} of the friction{of} are used, must be <= {percent(limits.GT)},"
-        contact_words.append(slips if GT >= 1 else used)
-    return " and ".join(contact_words)
 
 
 def rounded_down(value: float) -> float:

@@ -17,9 +17,10 @@ from ocptip.basics.text import percent, quantity
 from ocptip.motion.check import MotionCheck, of_stops
 from ocptip.motion.cycles.check import CycleCheck
 from ocptip.motion.cycles.task import Task
+from ocptip.motion.stops.broken import CLOSE
 from ocptip.motion.stops.cancels import SafeDecelerations, safe_decelerations
 from ocptip.motion.stops.rules import BRAKES, HOLDING, SCENARIOS, Kinds, StopRules, kinds_of
-from ocptip.motion.stops.tables import CLOSE, BrakeTable, CancelTable, JointTable, PathTable
+from ocptip.motion.stops.tables import BrakeTable, CancelTable, JointTable, PathTable
 from ocptip.motion.task import MotionTask
 from ocptip.motion.violations import stated, statement
 from ocptip.numerics.threads import one_thread

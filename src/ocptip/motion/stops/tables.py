@@ -10,6 +10,15 @@ from typing import Any
 import numpy as np
 
 from ocptip.motion.check import MotionCheck
+from ocptip.motion.stops.broken import (
+    BRAKES,
+    CANCEL,
+    broken_contacts,
+    broken_drives,
+    broken_duration,
+    broken_postures,
+    broken_within,
+)
 from ocptip.motion.violations import statement
 from ocptip.numerics.bisection import borders
 from ocptip.reserves.tipping import moment_at
@@ -161,7 +170,6 @@ def _mean(z: np.ndarray) -> np.ndarray:
 
 
 LEVELS = 5  # halvings of the speed's share
-CLOSE = 1e-9
 
 
 class PathTable:
@@ -300,28 +308,14 @@ class JointTable(ABC):
 
     def violations(self) -> list[Worst]:
         """The broken limits."""
-        rule, result, further = self._rule, self._found, self._own_violations()
-        over, joint = result.outside
-        if over > CLOSE:
-            turns = self._robot.units[joint] == "rad"
-            off = f"{np.degrees(over):.3g} deg" if turns else f"{1e3 * over:.3g} mm"
-            further.append(statement(f"{self._robot.names[joint]} leaves its limits by {off}"))
-        if result.clearance < self._limits.clearance:
-            gap, asked = 1e3 * result.clearance, 1e3 * self._limits.clearance
-            where = result.collision_words(self._robot, self._times)
-            values = round(gap, 1), np.nan, round(asked, 1)
-            further.append(Worst("clearance", *values, f", {where}", asked - gap, True, self.words, "mm"))
-        contacts = []
+        result, further = self._found, self._own_violations()
+        further += broken_postures(self._robot, self._times, result, self._limits, self.words)
         every = zip(self._robot.interfaces, ((self._times, result), *self._of_objects), strict=True)
-        for footing, (times, stops) in every:
-            for name, limit in (("GN", rule.GN), ("GT", rule.GT)):
-                values = getattr(stops, name)
-                i = int(np.argmax(values))
-                if not values[i] <= limit:
-                    value, begun = float(values[i]), float(times[i])
-                    contacts.append(
-                        Worst(footing.result(name), value, begun, limit, "", value - limit, False, self.words)
-                    )
+        contacts = [
+            broken
+            for footing, stops in every
+            for broken in broken_contacts(footing, *stops, self._rule, self.words)
+        ]
         return [*contacts, *further] if not self._in_check else further
 
     @property
@@ -337,7 +331,7 @@ class JointTable(ABC):
 class BrakeTable(JointTable):
     """Stops by brakes."""
 
-    words = "stop by brakes"
+    words = BRAKES
 
     def __init__(
         self, robot: Robot, motion: Trajectory, limits: Limits, brakes: Brakes, times: np.ndarray
@@ -380,7 +374,7 @@ class BrakeTable(JointTable):
 class CancelTable(JointTable):
     """Stops by a controller that is cancelled."""
 
-    words = "cancel"
+    words = CANCEL
 
     def __init__(
         self, robot: Robot, motion: Trajectory, limits: Limits, cancel: Cancel, times: np.ndarray
@@ -427,20 +421,8 @@ class CancelTable(JointTable):
         }
 
     def _own_violations(self) -> list[Worst]:
-        broken, cancel, result = [], self._cancel, self._found
-        for name, when in {} if self._in_check else self._within.items():
-            if when.most > (limit := getattr(self._limits, WITHIN_OF[name[:2]])):
-                how = f" within the uncertainty ({when.how})"
-                broken.append(
-                    Worst(name, when.most, when.time, limit, how, when.most - limit, False, self.words)
-                )
-        i = int(np.argmax(result.drives))
-        if result.drives[i] > 1 + CLOSE:
-            needs = f"a drive needs {100 * result.drives[i]:.0f} % of its torque limit"
-            broken.append(statement(f"{needs} in a cancel begun at {self._times[i]:.4f} s"))
-        i = int(np.argmax(result.rests))
-        longest = float(result.rests[i]) + cancel.reaction
-        if longest > cancel.longest and not self._in_check:
-            takes = f"takes {longest:.3g} s, must be <= {cancel.longest:.3g} s"
-            broken.append(statement(f"a cancel begun at {self._times[i]:.4f} s {takes}"))
-        return broken
+        stops = self._times, self._found
+        if self._in_check:
+            return broken_drives(*stops)
+        within = broken_within(self._within, self._limits)
+        return [*within, *broken_drives(*stops), *broken_duration(*stops, self._cancel)]
