@@ -208,11 +208,11 @@ def test_where_a_search_has_no_time_a_slow_motion_is_the_plan(tmp_path, monkeypa
         raise PlanningError("direct method: no verified motion in the given time")
 
     task = task_among(tmp_path, BESIDE)
-    monkeypatch.setattr("ocptip.api.plan.searched", too_slow)
+    monkeypatch.setattr("ocptip.api.methods._searched", too_slow)
     plan = ocptip.plan(task, seconds=60.0)
     assert plan.verified
     assert plan.motion.goal == pytest.approx(task.goal)
-    assert "the search gave no motion; this one is the joints in step" in joined(PlanReport(plan).to_text())
+    assert "a slow motion of all joints in step: the search gave" in joined(PlanReport(plan).to_text())
     with pytest.raises(ocptip.NoPlanError, match="in the given time"):
         ocptip.plan(task)
 
@@ -225,7 +225,7 @@ def test_a_task_with_cancels_has_the_slow_motion_before_a_search_in_limited_time
         raise PlanningError("nothing")
 
     monkeypatch.setattr("ocptip.retiming.among.slow_plan", lambda *_, **__: order.append("slow"))
-    monkeypatch.setattr("ocptip.api.plan.searched", search)
+    monkeypatch.setattr("ocptip.api.methods._searched", search)
     with pytest.raises(ocptip.NoPlanError, match="nothing; a slow motion of all joints in step"):
         ocptip.plan(task_among(tmp_path, BESIDE), stops="cancel", seconds=0.5)
     assert order == ["slow", "search", "slow"]

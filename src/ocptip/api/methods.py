@@ -18,7 +18,7 @@ from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.files.execution import Execution, execute
 from ocptip.motion.motion_plan import MotionPlan
-from ocptip.motion.multi_start import ToleranceError
+from ocptip.motion.multi_start import TIME_IS_UP, ToleranceError
 from ocptip.motion.stops.rules import Kinds
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
@@ -55,18 +55,20 @@ SLOWER_ALONG_PATH = 1.004
 def searched(
     task: Task,
     method: Method | None,
+    whole: TimeBudget,
     budget: TimeBudget,
     direct: Callable[[], MotionPlan],
     seed: int,
     say: Callable[[str], None],
 ) -> MotionPlan:
     """The plan of the first method that gives a verified motion; with objects, or safe when cancelled, at
-    least as good as the timed straight line.
+    least as good as the timed straight line. Where no method has one, see `_or_slow`.
 
     Args:
         task: of a motion or a cycle.
         method: the only one that is tried; None: those that suit the task, see `methods_for`.
-        budget: of time.
+        whole: time of the search with the checks after it.
+        budget: time of the search.
         direct: the direct search.
         seed: of the search for a path.
         say: called with what is done next, and why a method before gave nothing.
@@ -80,9 +82,26 @@ def searched(
     if method in ALONG_PATH and not task.robot.collision.labels:
         raise InputError(f"method: {method} needs collision geometry; there is none")
     methods = methods_for(task, budget.given) if method is None else (method,)
+    if task.is_cycle:  # its segments share the time
+        return direct()
+
+    def search() -> MotionPlan:
+        return _searched(task, method, methods, budget, direct, seed, say)
+
+    return search() if method else _or_slow(cast(MotionTask, task), search, whole, seed, say)
+
+
+def _searched(
+    task: Task,
+    method: Method | None,
+    methods: tuple[Method, ...],
+    budget: TimeBudget,
+    direct: Callable[[], MotionPlan],
+    seed: int,
+    say: Callable[[str], None],
+) -> MotionPlan:
+    """See `searched`, of a motion."""
     try:
-        if task.is_cycle:  # its segments share the time
-            return direct()
         motion_plan = _first_of(methods, task, budget, direct, seed, say)
         if method is not None:
             return motion_plan
@@ -102,7 +121,7 @@ def searched(
         raise
     except PlanningError as error:
         more = " (without --method, the direct method is tried as well)" if method == "path" else ""
-        if budget.given and not budget.left and not task.is_cycle:
+        if budget.given and not budget.left:
             more += "; more --seconds may help"
             if method is None and "path" in methods:
                 more += ", or --method path, which gets all of the time"
@@ -121,9 +140,54 @@ def of_segments(
         methods: tuple[Method, ...] = ("direct",) if method is None else (method,)
         if method is None and task.robot.collision.labels and find_spec("ompl") is not None:
             methods = methods_for(task) if budget.given else ("direct", "path")
-        return _first_of(methods, task, budget, direct, seed, say)
+        first = partial(_first_of, methods, task, budget, direct, seed, say)
+        return first() if method else _or_slow(task, first, budget, seed, say)
 
     return search
+
+
+def _or_slow(
+    task: MotionTask,
+    search: Callable[[], MotionPlan],
+    budget: TimeBudget,
+    seed: int,
+    say: Callable[[str], None],
+) -> MotionPlan:
+    """The plan of a search; where that has none in its time, or for cancels or objects, a slow motion.
+
+    For cancels, and with a time limit for objects, the slow motion is checked before the search, which may be
+    long. Where even that one is not safe when cancelled, a search without a time limit does not begin: a stop
+    decelerates as hard from a slow motion as from a fast one.
+    """
+    cancelled, carries, slow = task.limits.cancel is not None, len(task.robot.interfaces) > 1, None
+
+    def slow_motion(share: float) -> MotionPlan | None:
+        say("checking a slow motion of all joints in step ...")
+        return budget.within(partial(among.slow_plan, task, seed=seed), None, share=share)
+
+    if cancelled or (carries and budget.given):
+        try:
+            slow = slow_motion(0.7)  # any plan is better than none
+        except PlanningError as error:
+            if cancelled and not budget.given:
+                more = "with --method direct other motions are searched, which may take long"
+                raise PlanningError(f"{error}; {more}") from None
+    try:
+        return search()
+    except PlanningError as error:
+        if slow is None and (carries or budget.given) and not isinstance(error, ToleranceError):
+            say(f"{error}")
+            try:
+                slow = slow_motion(1.0)
+            except PlanningError as of_slow:
+                raise PlanningError(f"{error}; {of_slow}") from None
+            if slow is None:
+                more = "a slow motion of all joints in step could not be checked either: give more time"
+                raise PlanningError(f"{error}; {more}") from None
+        if slow is None:
+            raise
+        out_of_time = {TIME_IS_UP: ""} if budget.given else {}
+        return replace(slow, interrupted=budget.given, options={**slow.options, **out_of_time})
 
 
 def _first_of(

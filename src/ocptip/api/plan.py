@@ -39,7 +39,6 @@ from ocptip.motion.stops.check import (
 from ocptip.motion.task import MotionTask
 from ocptip.motion.violations import sentence, stated
 from ocptip.numerics.time_limit import TimeBudget
-from ocptip.retiming import among
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -165,7 +164,7 @@ def plan(
             direct = partial(direct, segment=of_segments(method, seed, stage or silent), budget=search)
             if budget.given:  # what is run is proved after the cheaper checks
                 direct = partial(direct, prove=None)
-        planned = _searched(task, method, budget, search, direct, seed, stage or silent)
+        planned = searched(task, method, budget, search, direct, seed, stage or silent)
     except PlanningError as error:
         other = None if task.is_cycle else _without_stops(task, how, budget)
         refusal = NoPlanError("; ".join(filter(None, (f"{error}", alone))), task, other)
@@ -221,42 +220,6 @@ def base_alone(task: Task) -> str:
         results.append(f"{name}: {sentence(broken[0])}")
     alone = "the base alone, its arm at rest, breaks limits: at the "
     return alone + "; at the ".join(results) if results else ""
-
-
-def _searched(
-    task: Task,
-    method: Method | None,
-    budget: TimeBudget,
-    search: TimeBudget,
-    direct: Callable[[], MotionPlan],
-    seed: int,
-    say: Callable[[str], None],
-) -> MotionPlan:
-    """The plan of a search; where that has none in its time, or for cancels or objects, a slow motion.
-
-    With a time limit a task with cancels or objects has the slow motion before the search, which may be long.
-    """
-    hard = task.segments[0].task.limits.cancel is not None or len(task.robot.interfaces) > 1
-    usable, slow = method is None and not task.is_cycle, None
-
-    def slow_motion(share: float) -> MotionPlan | None:
-        say("checking a slow motion of all joints in step ...")
-        compute = partial(among.slow_plan, cast(MotionTask, task), seed=seed)
-        return budget.within(compute, None, share=share)
-
-    if usable and hard and budget.given:
-        slow = slow_motion(0.7)  # any plan is better than none
-    try:
-        return searched(task, method, search, direct, seed, say)
-    except PlanningError as error:
-        if slow is None and usable and (hard or budget.given) and not isinstance(error, ToleranceError):
-            say(f"{error}")
-            slow = slow_motion(1.0)
-            why = "breaks limits" if budget.left else "could not be checked either: give more time"
-            error = PlanningError(f"{error}; a slow motion of all joints in step {why}")
-        if slow is None:
-            raise error
-        return slow
 
 
 def _without_stops(task: Task, how: Mapping[str, Any], budget: TimeBudget) -> MotionPlan | None:

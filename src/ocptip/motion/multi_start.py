@@ -215,8 +215,8 @@ class MultiStart:
                 self._step()
                 if all(one.verified for one in ranked[:EARLY]):
                     self._begin_hops(jobs, EARLY, ranked[:EARLY])
-            if any(start.verified for start in batch):
-                break
+            if any(start.verified for start in batch) or self._task.limits.cancel is not None:
+                break  # for cancels each takes minutes, and where the most promising ones fail, others do
         for start in self.starts:
             if start.finishing is None and start.rough is not None:
                 start.attempt = start.rough.left_out

@@ -176,14 +176,14 @@ def proved(plan: MotionPlan, prove: Prove, stage: Callable[[str], None] | None =
     """A plan that was made without certificates with them, as `plan_motion` gives it; in this process.
 
     An interrupt leaves out those of the other segments of a cycle. `stage` is called with what is proved.
-    Motions along paths stay without: what runs them differs from them, and that is proved.
+    Motions without starts stay without. Of those along paths what runs them is proved, which differs.
     """
     if not plan.segments:
         return _proved_segment(plan, prove)
     began, segments, interrupted = time.perf_counter(), [*plan.segments], plan.interrupted
     try:
         for k, segment in enumerate(segments):
-            if segment.motion.timing is not None:
+            if not segment.starts:
                 continue
             if stage:
                 stage(f"proving segment {k + 1} of {len(segments)} ...")
@@ -249,17 +249,22 @@ class _Legs:
         for k, leg in enumerate(legs):
             sharing = promising - k if k < promising else len(legs) - k
             self._plan(leg, 0, first, total, workers, sharing)
+            if len(self._sequences) == 1 and not limited:
+                self._require(leg)
         best = _legs(self._best())
         missing = sum(leg not in self._plans for leg in best)
         for k, leg in enumerate(sorted(best, key=self._plans.__contains__) if limited else best):
             sharing = missing - k if k < missing else len(best) - k
-            along_path = leg in self._plans and self._plans[leg].motion.timing is not None
+            searched = leg not in self._plans or bool(self._plans[leg].starts)  # else more are in vain
             longer = limited and k < missing and self._budget.left / sharing > self._seconds[leg]
             before = 0 if longer else first  # the first start may have lacked time only
-            if self._starts > before and not along_path and self._budget.left:
+            if self._starts > before and searched and self._budget.left:
                 self._plan(leg, before, self._starts - before, total, workers, sharing)
-            if leg not in self._plans:
-                raise PlanningError(f"{self._task.titles()[leg[0]]}: {self._errors[leg]}")
+            self._require(leg)
+
+    def _require(self, leg: Leg) -> None:
+        if leg not in self._plans:
+            raise PlanningError(f"{self._task.titles()[leg[0]]}: {self._errors[leg]}")
 
     def parts(self) -> list[MotionPlan]:
         """Plans of the best sequence, up to the first segment that has none."""
@@ -322,7 +327,8 @@ def _both(one: MotionPlan | None, other: MotionPlan) -> MotionPlan:
     cost = one.task.objective.cost
     better = min(one, other, key=lambda plan: cost(plan.energy, plan.duration))
     starts = tuple(sorted((*one.starts, *other.starts), key=lambda start: start.number))
-    options = {"starts": one.options["starts"] + other.options.get("starts", 0)}
+    options = {name: value for name, value in better.options.items() if name != TIME_IS_UP}
+    options["starts"] = sum(plan.options.get("starts", 0) for plan in (one, other))
     options |= {TIME_IS_UP: ""} if TIME_IS_UP in other.options else {}
     seconds = one.seconds + other.seconds
     return replace(better, starts=starts, seconds=seconds, interrupted=other.interrupted, options=options)

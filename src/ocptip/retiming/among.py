@@ -6,13 +6,15 @@ from __future__ import annotations
 
 import math
 import time
+from bisect import bisect_left
 from dataclasses import replace
+from functools import cache
 from typing import cast
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, PlanningError
-from ocptip.motion.check import check_motion
+from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.paths.search import search_path
 from ocptip.motion.paths.smoothing import smoothed_path
@@ -26,6 +28,9 @@ from ocptip.trajectories.trajectory import Trajectory
 
 NODES = 60
 """Intervals between nodes of the timing: 0.3 % of the duration, for a third of the time."""
+
+SLOW = "slow"
+"""Option of a plan that is a slow motion of all joints in step, because a search gave none."""
 
 LEAST_GAIN = 0.01
 """Share of the cost that a timed line saves at least to replace velocity profiles, which drives run."""
@@ -73,27 +78,41 @@ def no_worse_than_line(plan: MotionPlan) -> MotionPlan:
     return replace(line, seconds=seconds, options={**plan.options, "method": "path", "path": path})
 
 
-def slow_plan(task: MotionTask, *, seed: int = 0) -> MotionPlan | None:
-    """The synchronised default motion, as slow as its limits ask for; None: no speed keeps them.
+def slow_plan(task: MotionTask, *, seed: int = 0) -> MotionPlan:
+    """The synchronised default motion, as slow as its limits ask for.
 
     All joints take one trapezoidal profile each, and end together. No search is needed, so that this is a
-    plan where the time of a search was too short.
+    plan where a search gives none, or has no time.
+
+    Raises:
+        PlanningError: no speed keeps all limits; names those that the slowest motion breaks.
     """
     began = time.perf_counter()
-    robot, rise = task.robot, task.rise_times or 0.0
+    robot, rise = task.robot, np.array(task.rise_times or 0.0)
     fastest = Trajectory.ending_together(
         task.start, task.goal, [None] * robot.n, robot.limits.speed, robot.limits.acceleration
     )
     stands = pace_that_stands(robot, fastest, limits_of(robot, task.limits, task.optimised), SLOWER)
-    for pace in dict.fromkeys((stands or SLOWER[-1], SLOWER[-1])):
+
+    @cache
+    def tried(pace: float) -> tuple[Trajectory, MotionCheck]:
         motion = fastest.time_scaled(pace)
-        if np.any(rise):
-            motion = motion.with_rise_times(np.array(rise))
-        checked = check_motion(robot, motion, task.limits)
-        if checked.verified:
-            how = {"starts": (), "best": 0, "seed": seed, "interrupted": True, "options": {"slow": True}}
-            return MotionPlan(task, motion, checked, seconds=time.perf_counter() - began, **how)
-    return None
+        motion = motion.with_rise_times(rise) if np.any(rise) else motion
+        return motion, check_motion(robot, motion, task.limits)
+
+    paces = [pace for pace in SLOWER if pace >= (stands or SLOWER[-1])]
+    if not tried(paces[0])[1].verified:
+        motion, checked = tried(paces[-1])
+        if not checked.verified:
+            broken = "; ".join(broken_words(robot, checked.violations))
+            slowly = f"even slowly, joints in step from start to goal in {motion.end:.3g} s"
+            raise PlanningError(f"{slowly}: {broken}")
+        slower = len(paces) - 1  # a slower motion keeps what a faster one does, nearly
+        paces = paces[bisect_left(paces, True, 1, slower, key=lambda pace: tried(pace)[1].verified) :]
+    motion, checked = tried(paces[0])
+    options = {"starts": 0, SLOW: True}
+    how = {"starts": (), "best": 0, "seed": seed, "interrupted": False, "options": options}
+    return MotionPlan(task, motion, checked, seconds=time.perf_counter() - began, **how)
 
 
 def smoothed_plan(plan: MotionPlan, *, deadline: float = math.inf) -> MotionPlan | None:

@@ -4,8 +4,11 @@ import json
 
 import pytest
 
-from ocptip.basics.errors import InputError
+import ocptip
+from ocptip.basics.errors import InputError, PlanningError
 from ocptip.cli.main import main
+from ocptip.cli.plan.plan_report import PlanReport
+from ocptip.retiming.among import SLOW
 from ocptip.task_files.cycle import load_cycle
 from tests.motion.cycles.cycle_files import CYCLE, written
 
@@ -54,3 +57,39 @@ def test_every_segment_has_the_brakes_of_the_file(tmp_path):
         assert limits.stops is not None
     with pytest.raises(InputError, match=r"stops.brake_torque_max_Nm: "):
         load_cycle(written(tmp_path, CYCLE + BRAKES.format("[1, 1, 1, 1, 1, 1]")))
+
+
+GENTLE = '[stops]\nsafe = "cancel"\ncancel_deceleration_deg_s2 = {}\n'
+
+
+@pytest.mark.slow
+def test_a_segment_without_a_motion_for_cancels_is_slowed_until_it_has_one(tmp_path, monkeypatch):
+    """Each of both, and the plan and its cancels are proved."""
+
+    def nothing(*_):
+        raise PlanningError("none of 1 starts gave a verified motion")
+
+    monkeypatch.setattr("ocptip.api.methods._first_of", nothing)
+    task = load_cycle(written(tmp_path, CYCLE + GENTLE.format(100.0)))
+    plan = ocptip.plan(task, starts=3)
+    assert plan.verified
+    assert [part.options[SLOW] for part in plan.planned.parts] == [True, True]
+    assert plan.check.certified
+    assert "cancels PROVED to lose no contact" in plan.headline
+    text = " ".join(PlanReport(plan).to_text().split())
+    assert "a slow motion of all joints in step: the search gave no motion that keeps all limits" in text
+    assert "(segment out)" in text
+    assert "(segment back)" in text
+
+
+def test_where_no_slow_motion_is_safe_when_cancelled_the_search_does_not_begin(tmp_path, monkeypatch):
+    begun = []
+    monkeypatch.setattr("ocptip.api.methods._first_of", lambda *_: begun.append(1))
+    task = load_cycle(written(tmp_path, CYCLE + GENTLE.format(20000.0)))
+    with pytest.raises(
+        ocptip.NoPlanError, match=r"even slowly, joints in step from start to goal in .* cancel"
+    ) as error:
+        ocptip.plan(task, starts=3)
+    assert not begun
+    assert "--method direct" in str(error.value)
+    assert "safe at " in error.value.cancels

@@ -16,6 +16,7 @@ from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import TIME_IS_UP
 from ocptip.motion.planner.attempt import LEFT_OUT
 from ocptip.motion.summary import motion_line
+from ocptip.retiming.among import SLOW
 from ocptip.robots.inverse.pose_target import AXES
 
 
@@ -73,7 +74,9 @@ class PlanReport(GatedReport):
     def to_text(self) -> str:
         """Verdict, margins, robustness; with -v details of the search. ASCII only, but for names."""
         plan, motion = self.plan, self.plan.planned
-        more = [self._interrupted()] if motion.interrupted else []
+        more = [self._interrupted()] if motion.interrupted and SLOW not in motion.options else []
+        slow = zip(plan.task.segments, motion.parts, strict=False)
+        more += [f"{_SLOWLY}{_of(segment.name)}" for segment, part in slow if SLOW in part.options]
         more += [f"not done, the time was up: {', '.join(plan.left_out)}"] if plan.left_out else []
         parts = zip(plan.task.segments, motion.parts, strict=False)
         more += [f"{_path(item)}{_of(s.name)}" for s, item in parts if "path" in item.options]
@@ -123,9 +126,6 @@ class PlanReport(GatedReport):
 
     def _interrupted(self) -> str:
         plan = self.plan.planned
-        if "slow" in plan.options:
-            slow = "the search gave no motion; this one is the joints in step, as slow as all limits ask for"
-            return f"{slow}; more --seconds may give a better one"
         why = "the time was up" if TIME_IS_UP in plan.options else "interrupted"
         if plan.complete:
             return f"{why}: this is the best of the starts that had finished"
@@ -170,6 +170,9 @@ def _path(plan: MotionPlan) -> str:
         return f"{text}; of the smoothed path, which costs {-100 * more:.1f} % less"
     why = f"costs {100 * more:.1f} % more" if more >= 0 else "is not proved"
     return f"{text}; not of the smoothed path, which {why}"
+
+
+_SLOWLY = "a slow motion of all joints in step: the search gave no motion that keeps all limits"
 
 
 def _of(segment: str) -> str:
