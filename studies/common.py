@@ -8,6 +8,7 @@ import math
 import os
 import platform
 import signal
+import subprocess
 import sys
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -120,6 +121,13 @@ def leave_interrupts_to_parent() -> None:
 def machine() -> dict[str, Any]:
     """The machine in short."""
     return {"architecture": platform.machine(), "cores": os.cpu_count()}
+
+
+def commit() -> str:
+    """The commit of the source, with a plus sign if it has been changed since."""
+    root = Path(__file__).parents[1]
+    call = ["git", "-C", str(root), "describe", "--always", "--dirty=+", "--exclude=*"]
+    return subprocess.run(call, capture_output=True, text=True, check=False).stdout.strip()
 
 
 def digest(data: Any) -> str:

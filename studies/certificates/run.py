@@ -3,11 +3,12 @@
     python -m studies.certificates.run --out OUT [--plans results/plans] [--folders DIR ...] [--broken 200]
 
 The best plans of the eight cases on both sets of base data (`--plans`, as `studies.plan_cases.run` writes
-them), each as ramps, with accelerations that rise within 20 ms, and as points of a controller; and every plan
-below the folders, such as those of `studies.foreign_arms.run`; cycles segment by segment; with the tolerances
-that their tasks give. Each is checked at sampled instants and certified. The loss of a reserve is how far the
-certified bound is above the sampled worst value, relative to it. Motions broken on purpose: `broken`.
-Writes OUT/certificates.json and .md. Goes on: finished rows are kept.
+them), each as ramps, with accelerations that rise within 20 ms, and as points of a controller; the
+committed plans of `studies.replay`, within their tolerances; and every plan below the folders, such as
+those of `studies.foreign_arms.run`; cycles segment by segment; with the tolerances that their tasks give.
+Each is checked at sampled instants and certified. The loss of a reserve is how far the certified bound is
+above the sampled worst value, relative to it. Motions broken on purpose: `broken`. Writes
+OUT/certificates.json and .md. Goes on: finished rows are kept.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from studies.certificates.broken import BROKEN, broken_on_purpose
 from studies.common import (
     RESULTS,
     RowFile,
+    commit,
     ended,
     percent,
     progress,
@@ -45,6 +47,7 @@ from studies.common import (
     state_notes,
     table,
 )
+from studies.replay.tasks import plan_file, planned, tasks
 
 _NAME = "certificates"
 _STATE = (
@@ -88,7 +91,9 @@ def row_of(name: str, kind: str, task: MotionTask, motion: Trajectory) -> dict[s
     }
 
 
-def motions(plans: Path, folders: Sequence[Path]) -> Iterator[tuple[str, str, MotionTask, Trajectory]]:
+def motions(
+    plans: Path, replayed: Path, folders: Sequence[Path]
+) -> Iterator[tuple[str, str, MotionTask, Trajectory]]:
     """Name, kind, task and motion of everything that is looked at."""
     for base in BASES:
         for case in motion_cases():
@@ -101,6 +106,9 @@ def motions(plans: Path, folders: Sequence[Path]) -> Iterator[tuple[str, str, Mo
             risen = motion.with_rise_times(_RISE)
             yield f"{case} {base}", "S-curves", task, risen
             yield f"{case} {base}", "quintic points", task, controller_points(risen, "quintic")
+    for name in tasks():
+        if plan_file(name, replayed).is_file() and not isinstance(answer := planned(name, replayed, 0), str):
+            yield name, "replayed", *answer
     for folder in folders:
         found = sorted(path.parent for path in folder.rglob("plan.json") if is_plan_folder(path.parent))
         if not found:
@@ -191,7 +199,7 @@ def _cells(row: dict[str, Any]) -> list[str]:
 
 def study(options: argparse.Namespace) -> str:
     """Run it; returns the table."""
-    every = list(motions(options.plans, options.folders))
+    every = list(motions(options.plans, options.replayed, options.folders))
     if not every:
         raise InputError(f"--plans: no plans in {options.plans}, and no --folders")
     options.out.mkdir(parents=True, exist_ok=True)
@@ -208,7 +216,8 @@ def study(options: argparse.Namespace) -> str:
     progress(len(every), len(every), "done")
     rows = [row for row in file.own if row["name"] != BROKEN]
     notes = [] if broken is None else [f"- {broken['text']}"]
-    notes += [f"- {software(versions())}.", *state_notes([row["state"] for row in rows], file.state)]
+    notes.append(f"- Commit {commit()}, {software(versions())}.")
+    notes += state_notes([row["state"] for row in rows], file.state)
     text = markdown(rows, notes)
     write_text(options.out / f"{_NAME}.md", text)
     return text
@@ -219,6 +228,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for the results")
     parser.add_argument("--plans", type=Path, default=RESULTS / "plans", help="plans of the cases")
+    parser.add_argument(
+        "--replayed", type=Path, default=RESULTS / "replay_plans", help="plans of studies.replay"
+    )
     parser.add_argument("--folders", type=Path, nargs="*", default=[], help="folders of plans of other arms")
     parser.add_argument("--broken", type=int, default=0, help="so many motions broken on purpose")
     options = parser.parse_args(arguments)

@@ -33,9 +33,9 @@ import trimesh
 from ocptip.basics.toml import MARK
 from ocptip.basics.write import versions
 from ocptip.task_files.cycle import read_task
-from studies.common import JsonLines, ended, progress, software, table
+from studies.common import JsonLines, commit, ended, progress, software, table
 from studies.stock_robots.robots import StockRobot
-from studies.stock_robots.run import asked_for_tool, command, commit
+from studies.stock_robots.run import asked_for_tool, command
 
 SEED = 0
 _BELOW = 0.002  # m: vertices that count as the lowest ones

@@ -75,12 +75,17 @@ def tasks() -> dict[str, tuple[Callable[[], MotionTask], str]]:
     return found
 
 
+def plan_file(name: str, folder: Path) -> Path:
+    """Where the plan of a task is kept."""
+    return folder / f"{name.replace(' ', '_').replace(',', '')}.json"
+
+
 def planned(name: str, folder: Path, starts: int) -> tuple[MotionTask, Trajectory] | str:
     """The task within its tolerance and its plan, from the file or made now; or why there is none."""
     make, preset = tasks()[name]
     task = make()
     task = replace(task, limits=replace(task.limits, tolerance=PRESETS[preset]))
-    path = folder / f"{name.replace(' ', '_').replace(',', '')}.json"
+    path = plan_file(name, folder)
     if not path.is_file():
         data: dict[str, Any] = {"task": name, "preset": preset, "starts": starts}
         try:

@@ -29,7 +29,7 @@ from pathlib import Path
 
 from ocptip.basics.toml import MARK
 from ocptip.basics.write import versions
-from studies.common import JsonLines, ended, progress
+from studies.common import JsonLines, commit, ended, progress
 from studies.stock_robots.report import markdown
 from studies.stock_robots.robots import StockRobot, stock_robots
 
@@ -152,13 +152,6 @@ def fetch(folder: Path) -> None:
         if not (folder / name).exists():
             call = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target"]
             subprocess.run([*call, str(folder / name), f"{name}=={version}"], check=True)
-
-
-def commit() -> str:
-    """The commit of the source, with a plus sign if it has been changed since."""
-    root = Path(__file__).parents[2]
-    call = ["git", "-C", str(root), "describe", "--always", "--dirty=+", "--exclude=*"]
-    return subprocess.run(call, capture_output=True, text=True, check=False).stdout.strip()
 
 
 def study(options: argparse.Namespace) -> str:

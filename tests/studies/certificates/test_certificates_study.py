@@ -18,7 +18,8 @@ def one_plan(tmp_path):
 
 
 def test_one_plan_as_ramps_and_by_controllers(one_plan, capsys):
-    assert study.main(["--plans", str(one_plan / "plans"), "--out", str(one_plan / "out")]) == 0
+    none, out = str(one_plan), str(one_plan / "out")
+    assert study.main(["--plans", f"{none}/plans", "--replayed", none, "--out", out]) == 0
     rows = json.loads((one_plan / "out" / "certificates.json").read_text(encoding="utf-8"))["rows"]
     assert [row["kind"] for row in rows] == ["ramps", "cubic points", "S-curves", "quintic points"]
     ramps = rows[0]
@@ -31,7 +32,8 @@ def test_one_plan_as_ramps_and_by_controllers(one_plan, capsys):
 
 
 def test_nothing_to_look_at(tmp_path, capsys):
-    assert study.main(["--plans", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
+    nothing = ["--plans", str(tmp_path), "--replayed", str(tmp_path)]
+    assert study.main([*nothing, "--out", str(tmp_path / "out")]) == 1
     assert "no plans in" in capsys.readouterr().err
-    assert study.main(["--plans", str(tmp_path), "--folders", str(tmp_path), "--out", str(tmp_path)]) == 1
+    assert study.main([*nothing, "--folders", str(tmp_path), "--out", str(tmp_path)]) == 1
     assert "no folder of a plan" in capsys.readouterr().err
