@@ -91,8 +91,7 @@ def chart(
     result = load_task(task, uncertainty=uncertainty)
     robot, _, limits = rests_of(result)["start"]
     robot.require_no_objects("chart")
-    if not isinstance(robot, Robot):
-        raise InputError("task: load charts are for arms; this robot is a parallel one")
+    robot = Robot.of(robot, "task: load charts are for arms; this robot is a parallel one")
     rated = robot.payload.mass if robot.payload else None
     if most is None:
         most = _TIMES_RATED * rated if rated else robot.mass

@@ -34,7 +34,6 @@ from ocptip.pictures.frame import save_figure
 from ocptip.pictures.plan import ground_figure
 from ocptip.pictures.plan_curves import seen_plan
 from ocptip.retiming.retime import least_cost
-from ocptip.standing.arm import Robot
 from ocptip.standing.limits import TORQUE_WITHIN
 from ocptip.standing.within.design import Design
 from ocptip.trajectories.path_fit import path_of_motion
@@ -327,8 +326,7 @@ def offsets_of(motion: Trajectory, task: MotionTask) -> dict[str, tuple[float, f
     ends = np.array([motion.start, motion.goal])
     asked = min(((task.start, task.goal), *task.choices), key=lambda pair: np.abs(ends - pair).max())
     off = np.abs(ends - asked)
-    if isinstance(task.robot, Robot):
-        arm = task.robot.arm
+    if (arm := task.robot.arm) is not None:
         for end_offsets, posture, target in zip(off, ends, task.targets, strict=True):
             if target is not None and target.reached(arm, posture[None], REACHED)[0]:
                 end_offsets[:] = 0.0

@@ -97,8 +97,7 @@ def drive(
         )
     posture = resting_posture(what, None if stow else q)
     robot = posture.robot if moves is None else cast(Task, what).robot
-    if not isinstance(robot, Robot):
-        raise InputError("task: drive envelopes are for arms; this robot is a parallel one")
+    robot = Robot.of(robot, "task: drive envelopes are for arms; this robot is a parallel one")
     if stow:
         robot.require_no_objects("posture stow")
     if payload is not None:

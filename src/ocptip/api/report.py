@@ -235,7 +235,7 @@ class Stability:
     def drives(self) -> None:
         """Determine how hard the base may accelerate, if it has wheels, with the arm at rest at the goal."""
         stage = self.stages[-1]
-        robot = cast(Robot, stage.task.robot)
+        robot = Robot.of(stage.task.robot)
         contacts = robot.support.contacts
         wheels = any(c.kind == DrivenWheel.kind or getattr(c, "friction", 1.0) == 0 for c in contacts)
         if wheels or robot.acts.end:

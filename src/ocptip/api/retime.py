@@ -90,7 +90,7 @@ class Timing:
             execution = execute(robot, timed.motion, limits, controller, step=step)
         else:
             timed, execution = _whole_body(timed, limits, controller, step)
-            profile = cast(Robot, timed.robot).drive_profile
+            profile = timed.robot.drive_profile
             assert profile is not None  # its base drives
             task = driven(task, profile)
             fit, robot = fit.some(slice(len(POSE), None)), task.robot
@@ -130,10 +130,9 @@ class Timing:
     @cached_property
     def beside_lines(self) -> tuple[np.ndarray, np.ndarray]:
         """Largest distance of a spline from the lines between its points: joints, (n,), and the gripper."""
-        robot = self.task.robot
-        if not isinstance(robot, Robot):
+        if (arm := self.task.robot.arm) is None:
             return self.fit.beside_lines()[0], np.zeros(0)
-        joints, tool = self.fit.beside_lines(lambda q: gripper_pose(robot.arm, q)[0])
+        joints, tool = self.fit.beside_lines(lambda q: gripper_pose(arm, q)[0])
         return joints, np.array([tool])
 
     @property
@@ -141,8 +140,8 @@ class Timing:
         """Largest distance of the gripper, m; empty for mechanisms without one."""
         if isinstance(self.fit, ToolPath):
             return self.fit.tool[:1]
-        robot = self.task.robot
-        return np.array([tool_distance(robot.arm, self.fit)] if isinstance(robot, Robot) else [])
+        arm = self.task.robot.arm
+        return np.array([] if arm is None else [tool_distance(arm, self.fit)])
 
 
 def _whole_body(
@@ -164,15 +163,15 @@ def _whole_body(
 
 def _beyond_jerk_limits(task: MotionTask, fit: FittedPath) -> MotionTask:
     """The task, whose robot has no jerk limits, but a note that no timing of the path keeps them."""
-    robot = task.robot
+    robot = Robot.of(task.robot)
     joints = ", ".join(robot.names[j] for j in np.flatnonzero(np.isfinite(robot.limits.jerk)))
     place = fit.path.breakpoints[fit.path.bends[0]]
     note = (
         f"jerk limits of joints {joints} are not kept: the curvature of the path has a step at "
         f"s = {place:.4f}; waypoints without times are joined smoothly"
     )
-    arm = cast(Robot, robot).arm.with_notes(note).with_limits(jerk=np.full(robot.n, np.inf))
-    return replace(task, robot=cast(Robot, robot).varied(arm=arm))
+    arm = robot.arm.with_notes(note).with_limits(jerk=np.full(robot.n, np.inf))
+    return replace(task, robot=robot.varied(arm=arm))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -61,9 +61,7 @@ class Studio:
     """
 
     def __init__(self, task: MotionTask) -> None:
-        if not isinstance(task.robot, Robot):
-            raise InputError(f"task: the studio is for arms; this robot is a {task.robot.kind}")
-        robot = task.robot.resting(0)
+        robot = Robot.of(task.robot, "task: the studio is for arms; this robot is a parallel one").resting(0)
         self.task, self.study = task, PostureStudy(robot, task.limits)
         self.conditions = Conditions(task.start, robot.payload.mass if robot.payload else 0.0)
 

@@ -79,9 +79,8 @@ def load_task(
 def _with_tcp_speed(task: MotionTask, speed: float) -> MotionTask:
     """The task of an arm with this speed limit of its TCP, m/s, and so its file."""
     positive_number("tcp_speed", speed)
-    if not isinstance(task.robot, Robot):
-        raise InputError("tcp_speed: is for arms")
-    robot = task.robot.varied(speed_limits={**task.robot.speed_limits, TCP: speed})
+    robot = Robot.of(task.robot, "tcp_speed: is for arms")
+    robot = robot.varied(speed_limits={**robot.speed_limits, TCP: speed})
     if (source := source_of(task)) is not None:
         limits = {**source.data.get("limits", {}), "tcp_speed": speed}
         source = replace(source, robot=robot, data={**source.data, "limits": limits})

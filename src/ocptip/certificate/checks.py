@@ -8,7 +8,6 @@ from ocptip.certificate.find import certify
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck, cycle_check
 from ocptip.motion.cycles.task import Task
-from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.trajectory import Trajectory
@@ -48,7 +47,7 @@ def certified_cycle(
     tasks = [segment.task for segment in task.segments]
     limits = [
         segment_task.stops.safe(segment_task.limits, segment_task.robot, "cancel")
-        if cancels and segment_task.limits.cancel is None and isinstance(segment_task.robot, Robot)
+        if cancels and segment_task.limits.cancel is None and segment_task.robot.arm
         else segment_task.limits
         for segment_task in tasks
     ]

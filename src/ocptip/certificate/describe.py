@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import factorial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as cs
 import numpy as np
@@ -22,14 +22,12 @@ from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
 from ocptip.robots.kinematics import TCP, joint_names, link_frames
 from ocptip.standing.arm import Robot
 from ocptip.standing.footing import Footing
+from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.trajectories.drive_profile import DriveProfile
 from ocptip.trajectories.pieces import MERGE
 from ocptip.trajectories.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from ocptip.standing.platform import StandingParallelRobot
 
 _ALIKE = 1e-6  # of accelerations
 _STILL = 1e-13  # m/s or rad/s: less is rounding
@@ -147,7 +145,7 @@ def states_at(
 
 
 def model_data(
-    robot: Robot | StandingParallelRobot, end: float | None = None, cancel: Cancel | None = None
+    robot: StandingMechanism, end: float | None = None, cancel: Cancel | None = None
 ) -> dict[str, Any]:
     """Arm or program, base, contacts, what may collide, limits; SI units, base axes.
 
@@ -156,10 +154,12 @@ def model_data(
     are proved.
     """
     support = robot.support
-    if isinstance(robot, Robot):
-        arm_data, (bodies, pairs) = _arm_data(robot, end), _bodies(robot)
+    if robot.arm is None:
+        arm_data = {"arm": None, "program": _program_data(robot), "payload": None}
+        bodies, pairs, points = [], [], []
     else:
-        arm_data, bodies, pairs = {"arm": None, "program": _program_data(robot), "payload": None}, [], []
+        arm = Robot.of(robot)
+        arm_data, (bodies, pairs), points = _arm_data(arm, end), _bodies(arm), _points(arm)
     held = contacts_data(robot)
     if robot.acts.end:
         held["base"]["inertia"] = support.inertia.tolist()
@@ -169,7 +169,7 @@ def model_data(
         "limits": {key: [_finite(x) for x in getattr(robot.limits, key)] for key in _LIMITS.split()},
         "bodies": bodies,
         "pairs": pairs,
-        **({POINTS: points} if (points := _points(robot)) else {}),
+        **({POINTS: points} if points else {}),
         **({DECELERATIONS: list(cancel.decelerations)} if cancel else {}),
     }
 
@@ -198,10 +198,8 @@ def contacts_data(footing: Footing) -> dict[str, Any]:
     }
 
 
-def _points(robot: Robot | StandingParallelRobot) -> list[dict[str, Any]]:
+def _points(robot: Robot) -> list[dict[str, Any]]:
     """Points of an arm whose speeds are limited: link, place in its frame, limit in m/s."""
-    if not isinstance(robot, Robot):
-        return []
     names, none = joint_names(robot.arm), np.zeros(3)
     places = {name: (k + 1, none) for k, name in enumerate(names)}
     places[TCP] = len(names), robot.arm.offsets[-1]
@@ -239,7 +237,7 @@ def _arm_data(robot: Robot, end: float | None) -> dict[str, Any]:
     return {"arm": data, "payload": held}  # the payload is a part of the last link
 
 
-def _program_data(robot: StandingParallelRobot) -> dict[str, Any]:
+def _program_data(robot: StandingMechanism) -> dict[str, Any]:
     """Motor forces, the wrench without the base's weight and further quantities, as instructions.
 
     CasADi's say in which places they find what they take; here they say the numbers of results.

@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import count, product
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -54,9 +54,6 @@ from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import Trajectory
 
-if TYPE_CHECKING:
-    from ocptip.standing.platform import StandingParallelRobot
-
 _LONGEST = 0.01  # s, of the first intervals
 _MOST, _MOST_OFF_A_PLANE = 15, 4  # times as many intervals as at first are tried
 _ASIDE = 1e-6  # s beside a step of a base's acceleration
@@ -98,23 +95,22 @@ def certify(
     robot = robot.during(motion)
     within = limits.tolerance.given and any(name in worst for name in CLAIMS_WITHIN)
     tolerance = tolerance_data(limits.tolerance, robot.support) if within else None
-    described = cast("Robot | StandingParallelRobot", robot)
     bounds = bounds_near(limits, worst, bool(robot.collision.labels))
     if within and SPEED_OF_POINTS in bounds:
         bounds[SPEED_OF_POINTS_WITHIN] = 1.0  # until the largest share is known, see `run`
     least = {CLEARANCE: getattr(limits, CLEARANCE)}
     # The checker knows joints that decelerate each by itself.
     cancel = None if limits.cancel is None or limits.cancel.together else limits.cancel
-    search = _ProofSearch(described, motion, bounds, tolerance, least, cancel)
+    search = _ProofSearch(robot, motion, bounds, tolerance, least, cancel)
     if reason := unlike(motion, search.motion):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     search.run()
     sampled = _sampled(robot, motion, worst)
     if tolerance is not None:
         sampled += search.run_within(limits, worst, tolerance)
-    if cancel is not None and isinstance(described, Robot):
+    if cancel is not None and robot.arm is not None:
         search.run_cancels(limits, worst)
-    if isinstance(described, Robot) and described.carried:
+    if robot.carried:
         search.run_objects(limits, worst)
     proved = proved_of_cancels(search.bounds).union(name for name in search.bounds if "[" in name)
     sampled = tuple(name for name in sampled if name not in proved)
@@ -171,7 +167,7 @@ class _Batch:
 class _ProofSearch:
     def __init__(
         self,
-        robot: Robot | StandingParallelRobot,
+        robot: StandingMechanism,
         motion: Trajectory,
         bounds: dict[str, float],
         tolerance: Mapping[str, Any] | None,
@@ -186,7 +182,7 @@ class _ProofSearch:
         varying = robot.varying
         self.knots = np.empty(0) if varying is None else np.asarray(varying.knots)
         self.checker = Checker(self.model, bounds, tolerance, self.motion)
-        self._separations = Separations(robot, self.model) if isinstance(robot, Robot) else None
+        self._separations = Separations(Robot.of(robot), self.model) if robot.arm is not None else None
         self._interior = Interior(robot.support)
         self._done: list[_Batch] = []
         self._open: list[tuple[_Batch, dict[str, np.ndarray]]] = []
@@ -269,17 +265,17 @@ class _ProofSearch:
 
     def run_cancels(self, limits: Limits, worst: Mapping[str, Worst]) -> None:
         """Prove that no cancel loses a contact, unless one does as sampled."""
-        robot = cast("Robot", self.robot)
-        result = cancel_claims(robot, self.model, self.motion, self._tolerance, limits, worst, self.knots)
+        result = cancel_claims(
+            Robot.of(self.robot), self.model, self.motion, self._tolerance, limits, worst, self.knots
+        )
         self.bounds |= result.bounds
         self._covers_of_cancels = result.cover
         self._short += [Undecided(*one) for one in result.short]
 
     def run_objects(self, limits: Limits, worst: Mapping[str, Worst]) -> None:
         """Prove the contacts of objects, each by itself; of those without a proof nothing is claimed."""
-        robot = cast("Robot", self.robot)
         found_objects = object_claims(
-            robot, self.model, self.motion, self._tolerance, limits, worst, self.knots
+            Robot.of(self.robot), self.model, self.motion, self._tolerance, limits, worst, self.knots
         )
         self.bounds |= found_objects.bounds
         self._objects, self._short = (

@@ -13,11 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, PlanningError, positive_number
+from ocptip.basics.errors import PlanningError, positive_number
 from ocptip.measured.links import base_parameters, friction_columns, random_states, torque_columns
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.task import MotionTask
@@ -71,8 +70,7 @@ def excite(task: MotionTask, *, duration: float = 10.0, seed: int = 0, steps: in
         InputError: no arm, or the duration is no time.
         PlanningError: no such motion keeps the limits.
     """
-    if not isinstance(task.robot, Robot):
-        raise InputError(f"motions for identification are for arms, not for a {task.robot.kind}")
+    Robot.of(task.robot, f"motions for identification are for arms, not for a {task.robot.kind}")
     T, rng = positive_number("duration", duration), np.random.default_rng(seed)
     search = _SeriesSearch(task, T)
     shape = task.robot.n, 2 * _WAVES + 1
@@ -137,7 +135,7 @@ class _SeriesSearch:
     """Value of series of a robot: the condition number where limits are kept, else above `_BROKEN`."""
 
     def __init__(self, task: MotionTask, T: float) -> None:
-        robot = self.robot = cast(Robot, task.robot)
+        robot = self.robot = Robot.of(task.robot)
         self.bare, self.limits, self.T = robot.arm.with_payload(None), task.limits, T
         self.start, self.times = np.asarray(task.start), np.linspace(0.0, T, _INSTANTS)
         limits = robot.limits

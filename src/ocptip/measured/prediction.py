@@ -8,7 +8,6 @@ from functools import cached_property, lru_cache
 import numpy as np
 from scipy import linalg
 
-from ocptip.basics.errors import InputError
 from ocptip.measured.recording import ANGLE, BASE, GRIPPER, POWER, SHIFT, SPEED, TORQUE, WRENCH
 from ocptip.robots.dynamics import mass_sensitivities
 from ocptip.robots.kinematics import gripper_batch
@@ -105,8 +104,7 @@ class Predictor:
     """
 
     def __init__(self, robot: StandingMechanism, motion: Trajectory) -> None:
-        if not isinstance(robot, Robot):
-            raise InputError(f"only recordings of arms are compared, not of a {robot.kind}")
+        robot = Robot.of(robot, f"only recordings of arms are compared, not of a {robot.kind}")
         self.robot, self.motion = robot.during(motion), motion
         self._masses = mass_sensitivities(robot.arm.without_process)
         self._linear, self._swings = lru_cache(8)(self._linearised), lru_cache(16)(self._swung)

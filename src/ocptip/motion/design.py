@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ocptip.basics.errors import InputError
 from ocptip.contact.support import Support
 from ocptip.motion.cycles.task import Task
 from ocptip.reserves.slip import known
@@ -40,8 +39,7 @@ def motion_design(task: Task, motion: Trajectory) -> Design:
     """
     parts: list[Part] = []
     for segment, segment_motion in zip(task.segments, motion.segments, strict=True):
-        if not isinstance(robot := segment.task.robot, Robot):
-            raise InputError("design: only for arms; this robot is a parallel one")
+        robot = Robot.of(segment.task.robot, "design: only for arms; this robot is a parallel one")
         parts.append((robot, segment_motion, segment.task.limits))
 
     def on(support: Support) -> _OnBase:

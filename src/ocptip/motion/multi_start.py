@@ -28,6 +28,7 @@ from typing import cast
 import numpy as np
 
 from ocptip.basics.errors import PlanningError
+from ocptip.numerics.time_limit import TimeIsUpError
 from ocptip.motion.check import Prove
 from ocptip.motion.choices import first_round, likely_choices, second_round
 from ocptip.motion.motion_plan import MotionPlan
@@ -38,8 +39,6 @@ from ocptip.motion.task import MotionTask, refusals, require_plannable
 from ocptip.motion.tolerated import SPACING
 from ocptip.motion.violations import broken_words
 from ocptip.numerics.threads import one_thread
-from ocptip.numerics.time_limit import TimeIsUpError
-from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.worst_case import left_at_rest
 from ocptip.standing.limits import Limits
@@ -85,7 +84,7 @@ def others(chosen: MotionTask) -> list[MotionTask]:
 
 def _pays(task: MotionTask) -> bool:
     limits = task.limits
-    return bool(limits.tolerance.overshoot) and isinstance(task.robot, Robot) and not limits.stoppable
+    return bool(limits.tolerance.overshoot) and task.robot.arm is not None and not limits.stoppable
 
 
 def _possible(task: MotionTask, rise: float) -> MotionTask | None:

@@ -122,9 +122,9 @@ class MotionTask:
                 continue
             if target.free.any():
                 raise InputError(f"{name}_pose.free: is for poses of cycles, in a [[segment]]")
-            if not isinstance(self.robot, Robot):
+            if (arm := self.robot.arm) is None:
                 raise InputError(f"targets: the {self.robot.kind} has no gripper poses")
-            arm, q = self.robot.arm, getattr(self, name)[None]
+            q = getattr(self, name)[None]
             if not target.reached(arm, q, REACHED)[0]:
                 miss = float(target.residuals(arm, q)[0])
                 raise InputError(f"targets: {name} misses its gripper pose by {miss:.2g} (m, rad)")
@@ -213,12 +213,12 @@ def _brake_refusals(task: MotionTask) -> list[str]:
     """
     brakes, robot = task.limits.brakes, task.robot
     must = task.start != task.goal
-    if brakes is None or not isinstance(robot, Robot) or not must.any():
+    if brakes is None or robot.arm is None or not must.any():
         return []
     chosen = bool(task.choices) or any(target is not None for target in task.targets)
     if chosen or brakes.delay[1] > 0 or robot.n > MOST_JOINTS:
         return []
-    GN, GT, directions = BrakeCheck(robot, brakes).gentlest(task.start, must)
+    GN, GT, directions = BrakeCheck(Robot.of(robot), brakes).gentlest(task.start, must)
     broken = [
         f"{name} is {value:.4g}, must be <= {most:.4g}"
         for name, value, most in (("GN", GN, brakes.GN), ("GT", GT, brakes.GT))
@@ -270,18 +270,16 @@ def _collisions(task: MotionTask) -> list[str]:
 def _possible_payload(task: MotionTask) -> str:
     """The largest payload that start and goal can have, if it is smaller than the task's; else empty."""
     robot = task.robot
-    if not isinstance(robot, Robot) or robot.payload is None or robot.tip_over.free_rotation:
+    if robot.arm is None or (held := robot.payload) is None or robot.tip_over.free_rotation:
         return ""
-    results = []
+    robot, results = Robot.of(robot), []
     for place, q, share in (("start", task.start, 0), ("goal", task.goal, 1)):
         largest = largest_payloads(robot.resting(share), task.limits, q[None], robot.mass)
         results.append((float(largest.masses[0]), place, largest.names[largest.limits[0]]))
     mass, place, limit = min(results)
-    if mass >= robot.payload.mass:
+    if mass >= held.mass:
         return ""
-    return (
-        f"possible is a payload of {mass:.3g} kg instead of {robot.payload.mass:.4g} kg ({limit} at {place})"
-    )
+    return f"possible is a payload of {mass:.3g} kg instead of {held.mass:.4g} kg ({limit} at {place})"
 
 
 def check_commands(commands: Any) -> None:

@@ -199,9 +199,7 @@ def robustness(task: Task, motion: Trajectory) -> tuple[Tolerated, ...]:
     least: dict[str, Tolerated] = {}
     for segment, segment_motion, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
         robot = segment.task.robot
-        for result in (
-            tolerated(robot, segment_motion) if isinstance(robot, Robot) and not robot.objects else ()
-        ):
+        for result in tolerated(Robot.of(robot), segment_motion) if robot.arm and not robot.objects else ():
             placed = replace(result, time=float(begin) + result.time)
             if segment.name and not result.at_most:
                 placed = replace(placed, how=f"segment {segment.name}: {result.how}")

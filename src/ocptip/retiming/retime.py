@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -179,7 +179,7 @@ def retime(
     if base is not None:
         if own_jerk is not None:
             raise InputError("jerk: limits of jerk are not for paths of base and arm together")
-        robot = able_to_drive(cast(Robot, robot))
+        robot = able_to_drive(Robot.of(robot))
     coupled = LateJoints.wanted(limits.tolerance)
     usual = FASTEST_NODES if objective.name == "time" and not coupled else CHEAPEST_NODES
     usual = usual if own_jerk is None else min(usual, JERK_NODES)
@@ -215,7 +215,7 @@ def _require_fit(robot: StandingMechanism, path: JointPath, base: BaseLimits | N
         columns, more = ("columns", " joints and x, y, yaw of its base") if base else ("joints", "")
         raise InputError(f"path: has {path.joints} {columns}, the {robot.kind} has {robot.n}{more}")
     path.require_motion()
-    if base and (robot.acts.size or not isinstance(robot, Robot)):
+    if base and (robot.acts.size or robot.arm is None):
         raise InputError("path of base and arm: for arms, without a drive profile and a process that varies")
 
 
@@ -288,7 +288,7 @@ def _clocks(
     """Clocks with which to time the path, see `clocks_to_try`; without a drive profile there are none."""
 
     def timed(limits: Limits, clocks: Sequence[PathClock]) -> PathTiming:
-        timed_robot = _along(robot if clocks else cast(Robot, robot).driving(None), path, clocks)
+        timed_robot = _along(robot if clocks else Robot.of(robot).driving(None), path, clocks)
         result = _solve(
             timed_robot, path, TimingLimits(timed_robot, limits), objective, s, ends, clocks=clocks
         )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
@@ -159,11 +159,11 @@ class Run(NamedTuple):
             Trajectory.from_path(path.some(part), timing.s, timing.x)
             for part in (slice(_COUNT), slice(_COUNT, None))
         )
-        return cls(cast(Robot, robot).driving(DriveProfile.of_course(course)), arm, True)
+        return cls(Robot.of(robot).driving(DriveProfile.of_course(course)), arm, True)
 
     def slowed(self, factor: float) -> Run:
         """All times multiplied by a factor; those of what acts at given times stay."""
-        robot = cast(Robot, self.robot).at_pace(factor) if self.whole else self.robot
+        robot = Robot.of(self.robot).at_pace(factor) if self.whole else self.robot
         return Run(robot, self.motion.time_scaled(factor), self.whole)
 
 

@@ -70,7 +70,7 @@ class Robot(StandingMechanism):
         drive_profile: how the base drives while the arm moves; default: it rests.
 
     Attributes:
-        arm, obstacles, shapes, objects, drive_profile: as given.
+        obstacles, shapes, objects, drive_profile: as given.
         carried: the objects in the axes of what carries them.
         around: the obstacles and, where it counts, the floor that the base stands on.
 
@@ -100,7 +100,7 @@ class Robot(StandingMechanism):
         self.speed_limits = checked_points(arm, speed_limits)
         self._points = PointSpeeds(arm, self.speed_limits)
         self.further_limits = FurtherLimits.of_points(self.speed_limits)
-        self.arm, self.obstacles, self.shapes = arm, tuple(obstacles), tuple(shapes)
+        self._arm, self.obstacles, self.shapes = arm, tuple(obstacles), tuple(shapes)
         self.objects, self.carried = tuple(objects), carried_objects(objects, support.gravity)
         derived = floor and support.dimension == 3 and not any(isinstance(o, Floor) for o in self.obstacles)
         self.around = (*self.obstacles, *(floors_under(support) if derived else ()))
@@ -114,6 +114,20 @@ class Robot(StandingMechanism):
             redistribution,
             sensor or WrenchSensor(arm.mount_position),
         )
+
+    @classmethod
+    def of(
+        cls, robot: StandingMechanism, refusal: str = "only for arms; this robot is a parallel one"
+    ) -> Robot:
+        """The mechanism as an arm; InputError with the refusal if it is none."""
+        if not isinstance(robot, cls):
+            raise InputError(refusal)
+        return robot
+
+    @property
+    def arm(self) -> ArmModel:
+        """The serial arm, as given."""
+        return self._arm
 
     @classmethod
     def from_urdf(
@@ -368,8 +382,9 @@ class Robot(StandingMechanism):
         if unchanged and drive_profile is self.drive_profile:
             return self
         arm = self.arm if unchanged else self.arm.with_process(process)
-        other, changed = object.__new__(type(self)), {"arm": arm, "drive_profile": drive_profile}
-        vars(other).update(vars(self) | changed | {"_arguments": {**self._arguments, **changed}})
+        other, given = object.__new__(type(self)), {"arm": arm, "drive_profile": drive_profile}
+        changed = {"_arm": arm, "drive_profile": drive_profile, "_arguments": {**self._arguments, **given}}
+        vars(other).update(vars(self) | changed)
         return other
 
     @property

@@ -23,7 +23,7 @@ from ocptip.reserves.slip import Redistribution
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.collision.gaps import CLEARANCE, Collisions
-from ocptip.robots.model import JointLimits, joint_states
+from ocptip.robots.model import ArmModel, JointLimits, joint_states
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
@@ -32,8 +32,10 @@ from ocptip.standing.acting import Acting
 from ocptip.standing.footing import Footing, center_by_weights
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.margins import Margins
+from ocptip.standing.objects import CarriedObject, Object
 from ocptip.standing.samples import MotionSamples
 from ocptip.standing.sensor import WrenchSensor
+from ocptip.trajectories.drive_profile import DriveProfile
 from ocptip.trajectories.path import JointPath, PathTiming
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -70,6 +72,9 @@ class StandingMechanism(MadeOf, Footing, ABC):
     further_limits = FurtherLimits()
     shapes: tuple[Any, ...] = ()
     obstacles: tuple[Any, ...] = ()
+    objects: tuple[Object, ...] = ()
+    carried: tuple[CarriedObject, ...] = ()
+    drive_profile: DriveProfile | None = None
 
     def __init__(
         self,
@@ -102,6 +107,11 @@ class StandingMechanism(MadeOf, Footing, ABC):
     @abstractmethod
     def payload(self) -> Payload | None:
         """The payload, which is part of `mass` and of all loads; None without one."""
+
+    @property
+    def arm(self) -> ArmModel | None:
+        """The serial arm; None where the mechanism is no arm."""
+        return None
 
     @property
     def interfaces(self) -> tuple[Footing, ...]:

@@ -26,7 +26,6 @@ from ocptip.placement.result import Placement
 from ocptip.placement.within import searched
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.process import ProcessWrench
-from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
@@ -160,7 +159,7 @@ def _unplaced(data: Table, content: dict[str, Any], path: Path) -> CycleTask:
     }
     if len(objectives) > 1:
         raise data.error("segments of a cell have one objective; give it in [motion]", "segment")
-    if not isinstance(cycle.robot, Robot):
+    if cycle.robot.arm is None:
         raise data.error("cells are for arms", "robot")
     gravity = cycle.robot.support.gravity
     if np.linalg.norm(gravity[:2]) > _LEVEL * np.linalg.norm(gravity) or gravity[2] >= 0:
@@ -178,7 +177,7 @@ def _unplaced(data: Table, content: dict[str, Any], path: Path) -> CycleTask:
 
 def _require_placeable(data: Table, robot: StandingMechanism) -> None:
     """Raise InputError where a process is given in axes that nobody knows before the base has its place."""
-    process = robot.arm.process if isinstance(robot, Robot) else None
+    process = robot.arm.process if robot.arm else None
     if process is not None and process.axes == "base":
         raise data.error("of a cell is in axes of the tool or the world, got 'base'", "process.axes")
     if process is not None and process.varies and process.axes == "world":
@@ -189,13 +188,12 @@ def _end(
     robot: StandingMechanism, table: Table, key: str, limits: Limits
 ) -> tuple[np.ndarray, PoseTarget | None]:
     """As `read_end`, without the postures of poses, which depend on the place."""
-    if not isinstance(robot, Robot):
+    if (arm := robot.arm) is None:
         return np.zeros((1, robot.n)), None
-    target = read_target(robot.arm, table, key)
+    target = read_target(arm, table, key)
     if target is None:
-        return given_angles(robot.arm, table, key), None
-    arm = robot.arm.limits
-    return np.clip(np.zeros(robot.n), arm.angle_min, arm.angle_max)[None], target
+        return given_angles(arm, table, key), None
+    return np.clip(np.zeros(robot.n), arm.limits.angle_min, arm.limits.angle_max)[None], target
 
 
 def _problem(
@@ -247,8 +245,8 @@ def _gripper_tasks(cycle: CycleTask) -> Iterator[dict[str, Any]]:
 
 def _process(robot: StandingMechanism, share: float) -> ProcessWrench | None:
     """The process wrench on the gripper at rest before (0) or after (1) a motion."""
-    process = robot.resting(share)
-    return process.arm.process if isinstance(process, Robot) else None
+    arm = robot.resting(share).arm
+    return arm.process if arm else None
 
 
 def _load(

@@ -145,12 +145,12 @@ def _decelerations(table: Table, robot: StandingMechanism) -> np.ndarray | None:
         return None
     if table["cancel_stopj"] is not None:
         raise table.error("not beside cancel_stopj, which is another law", given[0])
-    if not isinstance(robot, Robot):
+    if (arm := robot.arm) is None:
         raise table.error("cancels are not computed for parallel robots", given[0])
     values = robot.limits.acceleration.copy()
     for key in given:
-        rates = joint_values(table, key, robot.arm, slides=_RATES[key])
-        indices = np.flatnonzero(np.array(robot.arm.prismatic) == _RATES[key])
+        rates = joint_values(table, key, arm, slides=_RATES[key])
+        indices = np.flatnonzero(np.array(arm.prismatic) == _RATES[key])
         assert rates is not None
         values[indices] = np.where(np.isnan(rates), values[indices], rates)
     return values
@@ -312,9 +312,9 @@ def _published(data: Table, otherwise: Uncertainty) -> MotionTask:
 def _published_task(data: Table, name: str, base: str) -> MotionTask:
     """A printed case with the sensor, the process and the gears of the file."""
     task = experiment_task(name, base)
-    robot = task.robot
+    robot = Robot.of(task.robot)
     speeds = speed_limits(data.table("limits"))
-    if not (speeds or any(key in data for key in _OF_CASES)) or not isinstance(robot, Robot):
+    if not (speeds or any(key in data for key in _OF_CASES)):
         return task
     arm = robot.arm.with_process(read_process(data))
     sensor = read_sensor(data, robot.sensor.position, ADAPTER_MASS)
@@ -335,8 +335,9 @@ def _task(data: Table, path: Path, otherwise: Uncertainty) -> MotionTask:
     robot = with_objects(data, scene.robot())
     ends = [read_end(robot, motion, key, scene.limits) for key in ("start", "goal")]
     starts, goals = (postures for postures, _ in ends)
-    if not isinstance(robot, Robot):
+    if robot.arm is None:
         return ramp_task(name, robot, starts[0], goals[0], scene.limits, motion)
+    robot = Robot.of(robot)
     given = [posture[0] for posture, pose in ends if pose is None]
     robot = _with_finer_solids(robot, np.reshape(given, (-1, robot.n)), scene.limits.clearance)
     if (profile := motion["drive_profile"]) is not None:

@@ -20,7 +20,6 @@ from ocptip.motion.task import MotionTask
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
-from ocptip.standing.arm import Robot
 from ocptip.task_files.doubts import require_kind
 from ocptip.task_files.tables.joints import end_keys, read_end
 from ocptip.trajectories.drive_profile import POSE, UNITS
@@ -212,9 +211,9 @@ def _base(table: Table, points: Sequence[Table], between: str) -> np.ndarray:
 
 def _nearest(task: MotionTask, branches: np.ndarray, near: np.ndarray) -> np.ndarray:
     """Postures (k, n), the nearest first; what is given as joint angles stays as it is."""
-    if len(branches) == 1 or not isinstance(task.robot, Robot):
+    if len(branches) == 1 or (arm := task.robot.arm) is None:
         return branches
-    copies = within_limits(task.robot.arm, branches, near)
+    copies = within_limits(arm, branches, near)
     return copies[np.argsort(np.sum((copies - near) ** 2, axis=1), kind="stable")]
 
 
@@ -225,9 +224,9 @@ def _tool_path(
     before: np.ndarray,
     tolerance: float,
 ) -> FittedPath:
-    if not isinstance(task.robot, Robot):
+    if (arm := task.robot.arm) is None:
         raise table.error(f"the {task.robot.kind} has no gripper poses", "between")
-    arm, poses = task.robot.arm, []
+    poses = []
     for number, (postures, target) in enumerate(ends, 1):
         if target is None and number > 1:
             raise table.error(f"{number}: on tool lines only the first may be joint positions", "waypoint")

@@ -103,10 +103,9 @@ def arm_of(task: Task, does: str, path: Path) -> Robot:
 
 def arms_of(task: Task, does: str, path: Path, *, objects: bool = False) -> list[Robot]:
     """The arm of a motion, or those of a cycle's segments; InputError names the file of another mechanism."""
-    robots = [segment.task.robot for segment in task.segments]
-    arms = [robot for robot in robots if isinstance(robot, Robot)]
-    if len(arms) < len(robots):
+    if any(segment.task.robot.arm is None for segment in task.segments):
         raise InputError(f"is of a parallel robot; {does} arms", "", str(path))
+    arms = [Robot.of(segment.task.robot) for segment in task.segments]
     for arm in [] if objects else arms:
         arm.require_no_objects(does.partition(" ")[0])
     return arms

@@ -99,14 +99,15 @@ def driving(task: Task, profile: ProfileLike | None) -> Task:
     if task.is_cycle:
         text = "not for motions of cycles, whose segments would each begin with it; of a posture: ocptip "
         raise InputError(f"drive_profile: {text}check NAME --task TASK.toml, NAME being that of a segment")
-    if not isinstance(task.robot, Robot):
-        raise InputError("drive_profile: only for arms, this robot is a parallel one")
     return task.each(partial(driven, profile=profile))
 
 
 def driven(task: MotionTask, profile: DriveProfile) -> MotionTask:
     """The task with this profile, which its source holds as a file."""
-    robot, source = cast(Robot, task.robot).driving(profile), source_of(task)
+    robot = Robot.of(task.robot, "drive_profile: only for arms, this robot is a parallel one").driving(
+        profile
+    )
+    source = source_of(task)
     if source is not None and "case" not in source.data:
         motion = {**source.data["motion"], "drive_profile": _DRIVE}
         files = {**source.files, _DRIVE: profile.to_csv().encode()}

@@ -113,7 +113,6 @@ class RestingPosture:
         """The worst of an object at rest within an uncertainty; None without, and on a base that drives."""
         if not tolerance.given or self.base_motion is not None:
             return None
-        assert isinstance(self.robot, Robot)
         scene = next(scene for scene in self.objects if scene.name == name)
         match = next(match for match in self.robot.carried if match.object.name == name)
         return object_within(match.footing, match.bodies, scene.support.gravity, tolerance)
@@ -145,9 +144,9 @@ class RestingPosture:
     @cached_property
     def largest_slope(self) -> FloorSlope | None:
         """The largest slope that loses no contact; None with objects, no arm, or a base that drives."""
-        if self.base_motion is not None or not isinstance(self.robot, Robot) or self.objects:
+        if self.base_motion is not None or self.robot.arm is None or self.objects:
             return None
-        loads, gravity = RestLoads(self.robot, self.q[None]), self.robot.support.gravity
+        loads, gravity = RestLoads(Robot.of(self.robot), self.q[None]), self.robot.support.gravity
         return largest_slope(self.robot, gravity, lambda tilted: loads.wrenches(tilted)[0])
 
     @cached_property
@@ -156,9 +155,9 @@ class RestingPosture:
 
         Infinite where it needs no torque, and for mechanisms that are no arm.
         """
-        if not isinstance(self.robot, Robot):
+        if self.robot.arm is None:
             return np.inf
-        per_kilogram = payload_torques(self.robot, self.q[None])[0]
+        per_kilogram = payload_torques(Robot.of(self.robot), self.q[None])[0]
         torques, limit = self.instant.torques[0], self.limits.torque_ratio * self.robot.limits.torque
         unused = np.where(per_kilogram > 0, limit - torques, limit + torques)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -170,10 +169,10 @@ class RestingPosture:
 
         None on a base that drives, where nothing resists a rotation, with objects, and without an arm.
         """
-        robot = self.robot
-        if self.base_motion is not None or not isinstance(robot, Robot) or robot.tip_over.free_rotation:
+        if self.base_motion is not None or self.robot.arm is None or self.robot.objects:
             return None
-        if robot.objects:
+        robot = Robot.of(self.robot)
+        if robot.tip_over.free_rotation:
             return None
         limits = replace(self.limits, tolerance=tolerance)
         no_drives = replace(limits, torque_ratio=_NO_LIMIT)
@@ -186,16 +185,17 @@ class RestingPosture:
     @property
     def process(self) -> ProcessWrench | None:
         """The force and moment that act on the gripper at rest, if any."""
-        return self.robot.arm.process if isinstance(self.robot, Robot) else None
+        return self.robot.arm.process if self.robot.arm else None
 
     def possible_process(self, tolerance: Uncertainty) -> float | None:
         """Share, 0 to 1, of what acts on the gripper with which no contact is lost within an uncertainty.
 
         None where nothing acts, on a base that drives, and for mechanisms that are no arm.
         """
-        robot, process, counts = self.robot, self.process, self._counting(tolerance)
-        if self.base_motion is not None or not isinstance(robot, Robot) or process is None:
+        process, counts = self.process, self._counting(tolerance)
+        if self.base_motion is not None or process is None:
             return None
+        robot = Robot.of(self.robot)
 
         def kept(share: float) -> bool:
             less = ProcessWrench(share * process.wrench[:3], share * process.wrench[3:], process.axes)
@@ -223,7 +223,7 @@ class RestingPosture:
             moment = robot.tip_over.reference_moment
             return reserves_at_rest(posture_case(robot, self.q, within)(within), moment)
 
-        known = worst if counts.given and isinstance(self.robot, Robot) else None
+        known = worst if counts.given and self.robot.arm else None
         changes = motion_sensitivities(self.robot, self.q[None], still, still, known)
         return tuple(one for one in changes if one.quantity != "speed")
 
@@ -234,8 +234,9 @@ class RestingPosture:
 
     def design(self, tolerance: Uncertainty) -> Design | None:
         """The smallest base for this posture within an uncertainty; None without an arm."""
-        if not isinstance(robot := self.robot, Robot):
+        if self.robot.arm is None:
             return None
+        robot = Robot.of(self.robot)
         robot.require_no_objects("design")
         counts = self._counting(tolerance)
 
@@ -246,9 +247,9 @@ class RestingPosture:
 
     def within(self, tolerance: Uncertainty) -> WithinAtRest | None:
         """The worst within an uncertainty; None without one, and for parallel robots, which have none."""
-        if not tolerance.given or not isinstance(self.robot, Robot):
+        if not tolerance.given or self.robot.arm is None:
             return None
-        return posture_within(self.robot, self.q, tolerance, self.base_motion)
+        return posture_within(Robot.of(self.robot), self.q, tolerance, self.base_motion)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; joint values in rad and m."""

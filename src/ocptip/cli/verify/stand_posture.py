@@ -10,7 +10,6 @@ from ocptip.api.inputs.postures import RestingPosture, resting_posture, rests_of
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import did_you_mean
 from ocptip.robots.base_motion import BaseMotion
-from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
 
 _ELSEWHERE = {"gn_reference": "reference_moment in [limits]"}
@@ -74,5 +73,5 @@ def _values(robot: StandingMechanism, text: str, names: list[str]) -> np.ndarray
         raise InputError(
             f"--posture: expected {robot.n} finite numbers ({', '.join(robot.names)}), got {text!r}"
         )
-    in_degrees = isinstance(robot, Robot) & (np.array(robot.units) == "rad")
+    in_degrees = (robot.arm is not None) & (np.array(robot.units) == "rad")
     return np.where(in_degrees, np.deg2rad(values), values)

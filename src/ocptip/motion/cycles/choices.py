@@ -16,7 +16,6 @@ from ocptip.motion.choices import plainest_cost
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.task import MotionTask, Segment, end_refusals
 from ocptip.robots.inverse.joint_angles import within_limits
-from ocptip.standing.arm import Robot
 
 CANDIDATES = 12  # postures per pose, at most: those through which the shortest ways lead
 COMPARED = 32
@@ -154,10 +153,10 @@ def _costs(segment: Segment, before: np.ndarray, after: np.ndarray) -> np.ndarra
 
 def _copies(segment: Segment, starts: np.ndarray) -> np.ndarray:
     """The segment's goals, angles of several IK solutions also near those of the starts; each once."""
-    robot, goals = segment.task.robot, segment.goals
-    if len(goals) == 1 or not isinstance(robot, Robot):
+    arm, goals = segment.task.robot.arm, segment.goals
+    if len(goals) == 1 or arm is None:
         return goals
-    copies = [within_limits(robot.arm, goal, near) for near in starts for goal in goals]
+    copies = [within_limits(arm, goal, near) for near in starts for goal in goals]
     kept: list[np.ndarray] = []
     for q in (*goals, *copies):
         if np.isfinite(q).all() and not any(np.abs(q - other).max() < _SAME for other in kept):

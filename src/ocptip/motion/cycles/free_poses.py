@@ -62,11 +62,11 @@ def moved_sequences(
 
 def free_ends(task: CycleTask) -> dict[int, PoseTarget]:
     """Poses that leave a continuum of postures, by their number among `CycleTask.ends`."""
-    if not isinstance(task.robot, Robot) or (task.closed and len(task.segments) == 1):
+    if (arm := task.robot.arm) is None or (task.closed and len(task.segments) == 1):
         return {}
     ends = task.ends[:-1] if task.closed else task.ends
     poses = {k: target for k, (_, _, target) in enumerate(ends) if target is not None}
-    n, arm = task.robot.n, task.robot.arm
+    n = task.robot.n
     return {k: target for k, target in poses.items() if target.free.any() or n > target.independent(arm)}
 
 
@@ -89,8 +89,7 @@ class MovedWay:
     """
 
     def __init__(self, task: CycleTask, free: dict[int, PoseTarget], postures: Sequence[np.ndarray]) -> None:
-        assert isinstance(task.robot, Robot)
-        self._task, self._arm, self.postures = task, task.robot.arm, list(postures)
+        self._task, self._arm, self.postures = task, Robot.of(task.robot).arm, list(postures)
         self._free = {k: target.nearest(self._arm, self.postures[k]) for k, target in free.items()}
         self._costs = [self._leg(k, self.postures) for k in range(len(task.segments))]
         limits, margin = self._arm.limits, np.where(self._arm.prismatic, 0.0, FOUND_MARGIN)

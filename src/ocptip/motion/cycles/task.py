@@ -15,7 +15,6 @@ from ocptip.motion.objective import Objective
 from ocptip.motion.task import MotionTask, Segment, refusals
 from ocptip.numerics.vectors import wrapped
 from ocptip.robots.inverse.pose_target import AXES, PoseTarget
-from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -87,9 +86,9 @@ class CycleTask:
     def pose_miss(self, end: int, q: np.ndarray) -> float:
         """By how much posture q misses the gripper pose of an end, m and rad; infinite if it has none."""
         _, _, target = self.ends[end]
-        if target is None or not isinstance(self.robot, Robot):
+        if target is None or (arm := self.robot.arm) is None:
             return np.inf
-        return float(target.residuals(self.robot.arm, q[None])[0])
+        return float(target.residuals(arm, q[None])[0])
 
     def offset(self, end: int, q: np.ndarray, near: float) -> np.ndarray:
         """(n,) How far posture q is off the nearest one of an end, rad, m; zero if it is in its pose.
@@ -100,9 +99,9 @@ class CycleTask:
             near: m and rad, by which a pose may be missed.
         """
         _, postures, target = self.ends[end]
-        robot = self.robot
-        if target is not None and isinstance(robot, Robot) and target.reached(robot.arm, q[None], near)[0]:
-            return np.zeros(robot.n)
+        arm = self.robot.arm
+        if target is not None and arm is not None and target.reached(arm, q[None], near)[0]:
+            return np.zeros(self.robot.n)
         off = q - postures
         if len(postures) > 1:
             off = np.where(np.array(self.robot.units) == "rad", wrapped(off), off)
@@ -139,7 +138,7 @@ def refuse_driving(task: Task, *whats: str) -> None:
 
 def freed_offset(target: PoseTarget | None, robot: StandingMechanism, q: np.ndarray) -> dict[str, float]:
     """Where in its ranges a pose is in posture q, (n,): m, by the axes along which it is free."""
-    if target is None or not isinstance(robot, Robot):
+    if target is None or robot.arm is None:
         return {}
     offset = target.offsets(robot.arm, q[None])[0]
     return {

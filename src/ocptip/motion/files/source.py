@@ -12,7 +12,6 @@ from ocptip.basics.toml import toml_text
 from ocptip.motion.objective import Objective
 from ocptip.motion.stops.rules import kinds_of
 from ocptip.robots.kinematics import TCP
-from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -96,7 +95,7 @@ def tolerance_table(limits: Limits, robot: StandingMechanism) -> dict[str, Any]:
     """The table `[tolerance]`; that of a parallel robot holds the damping with which acceleration steps
     count.
     """
-    if not isinstance(robot, Robot) and limits.damping < 1:
+    if robot.arm is None and limits.damping < 1:
         return {"damping": limits.damping}
     return limits.tolerance.to_table() or {"preset": "none"}
 

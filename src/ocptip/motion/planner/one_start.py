@@ -18,7 +18,6 @@ from ocptip.motion.planner.random_start import random_change, random_start
 from ocptip.motion.task import MotionTask
 from ocptip.motion.violations import broken_words
 from ocptip.numerics.ipopt import ending
-from ocptip.standing.arm import Robot
 from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit
@@ -420,6 +419,5 @@ class Search:
 
 def free_ends(task: MotionTask) -> FreeEnds:
     """The ends of the task's motion that the planner may choose."""
-    arm = task.robot.arm if isinstance(task.robot, Robot) else None
     margin = task.limits.angle_margin
-    return FreeEnds(arm, (task.start, task.goal), task.targets, task.optimised, margin)
+    return FreeEnds(task.robot.arm, (task.start, task.goal), task.targets, task.optimised, margin)

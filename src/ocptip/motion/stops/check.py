@@ -132,7 +132,7 @@ def check_stops(
     """
     times = np.linspace(0, motion.end, ROWS + 1)[:-1] + motion.end / (2 * ROWS)
     asked = SCENARIOS[kinds]
-    if asked == ("cancel",) and not isinstance(robot, Robot):
+    if asked == ("cancel",) and robot.arm is None:
         raise InputError("stops: cancels are not computed for parallel robots")
     tables: dict[str, PathTable | JointTable] = {}
     curve = decelerations = None
@@ -140,7 +140,8 @@ def check_stops(
         tables["path"] = path = PathTable(robot, motion, limits, times, checked)
         curve = path.curve
     lacking = rules.lacking(robot) if "brakes" in asked and not limits.brakes else ""
-    if isinstance(robot, Robot):
+    if robot.arm is not None:
+        robot = Robot.of(robot)
         if "brakes" in asked and not lacking:
             brakes = limits.brakes or rules.safe(limits, robot, "brakes").brakes
             assert brakes is not None
@@ -207,12 +208,12 @@ def cancels_by_segment(task: Task, motion: Trajectory) -> dict[str, SafeDecelera
     table = {}
     for segment, segment_motion in zip(task.segments, motion.segments, strict=False):
         robot, limits, rules = segment.task.robot, segment.task.limits, segment.task.stops
-        if not isinstance(robot, Robot) or robot.acts.end:
+        if robot.arm is None or robot.acts.end:
             continue
         if np.isfinite(robot.limits.acceleration).all():
             how = {"of_limits": rules.of_limits, "close": 1.0}
-            full = rules.cancel(robot, limits, 1.0)
-            table[segment.name] = safe_decelerations(robot, segment_motion, limits, full, **how)
+            full = rules.cancel(Robot.of(robot), limits, 1.0)
+            table[segment.name] = safe_decelerations(Robot.of(robot), segment_motion, limits, full, **how)
     return table
 
 
@@ -267,7 +268,7 @@ def _assumed(
         if time > 0:
             hardest = f"from full speed to rest in {time:g} s or more within the drives' limits"
         texts.append(f"category 1 and 2: stops along the path, {hardest}; every instant of the check")
-    if not isinstance(robot, Robot):
+    if robot.arm is None:
         return (*texts, "category 0 and cancels: not computed for parallel robots")
     if "cancel" in asked:
         when = f"beginning within {1e3 * rules.reaction:g} ms" if rules.reaction else "at once"

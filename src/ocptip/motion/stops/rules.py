@@ -137,7 +137,7 @@ class StopRules:
             kinds = "path" if self.brake_min is None and self.brake_max is None else "both"
         if "path" in SCENARIOS[kinds]:
             limits = self.asked(limits)
-        if not isinstance(robot, Robot):
+        if robot.arm is None:
             if kinds == "path":
                 return limits
             raise InputError("stops by brakes (category 0) and cancels are not computed for parallel robots")
@@ -146,7 +146,7 @@ class StopRules:
             least, greatest = (tuple(ends.tolist()) for ends in self.brakes(robot))
             limits = replace(limits, brakes=Brakes(least, greatest, self.delay, GN, GT))
         if "cancel" in SCENARIOS[kinds]:
-            limits = replace(limits, cancel=self.cancel(robot, limits))
+            limits = replace(limits, cancel=self.cancel(Robot.of(robot), limits))
         return limits
 
     def cancel(self, robot: Robot, limits: Limits, share: float | None = None) -> Cancel:

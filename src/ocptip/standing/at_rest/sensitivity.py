@@ -419,21 +419,22 @@ def motion_sensitivities(
     inertial = nominal.wrenches - robot.loads(q, still, still)[1]
     words = f"{100 * SPEED:g} % faster"
     changes.append(_Change(words, "speed", SPEED, "", lambda more: (robot, 1 + more), 2 * inertial))
-    if isinstance(robot, Robot):
-        held = robot.arm.payload
+    if robot.arm is not None:
+        arm_robot = Robot.of(robot)
+        held = robot.payload
 
         def gripping(more: float) -> tuple[Robot, float]:
-            return robot.varied(arm=_holding(robot.arm, _with_point_mass(held, more))), 1.0
+            return arm_robot.varied(arm=_holding(arm_robot.arm, _with_point_mass(held, more))), 1.0
 
         named = f"{GRIPPER:g} kg more at the TCP", "gripper_mass", GRIPPER, "kg"
-        changes.append(_Change(*named, gripping, _held(robot, ONE_KILOGRAM, q, qd, qdd)))
+        changes.append(_Change(*named, gripping, _held(arm_robot, ONE_KILOGRAM, q, qd, qdd)))
         if held is not None:
 
             def heavier(more: float) -> tuple[Robot, float]:
                 other = Payload((1 + more) * held.mass, held.center_of_mass, (1 + more) * held.inertia)
-                return robot.varied(arm=_holding(robot.arm, other)), 1.0
+                return arm_robot.varied(arm=_holding(arm_robot.arm, other)), 1.0
 
-            load = _held(robot, held, q, qd, qdd)
+            load = _held(arm_robot, held, q, qd, qdd)
             changes.append(_Change("10 % heavier payload", "payload_mass", 0.1, "", heavier, load))
     return _measured(stand, robot, changes, worst)
 

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import JUMP, WHOLE, AskedLimit, Limit, Sampled, Worst
 from ocptip.standing.limit_kinds.nominal import NominalLimit
@@ -93,7 +92,7 @@ class AtJumps(AskedLimit):
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
-        within = asked.tolerance.overshoot if isinstance(robot, Robot) else 0.0
+        within = asked.tolerance.overshoot if robot.arm else 0.0
         return asked.overshoot > within  # else jumps count within the tolerance, with all else that is off
 
     def measure(self, instants: Instants) -> np.ndarray:

@@ -118,7 +118,7 @@ class BrakeLimit(TableLimit, StoppedLimit, ContactRowsLimit):
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
-        return asked.brakes is not None and isinstance(robot, Robot)
+        return asked.brakes is not None and robot.arm is not None
 
     def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
         times, result = stops_of_motion(self._arm, sampled.motion, self._brakes, interface=self.interface)
@@ -131,8 +131,7 @@ class BrakeLimit(TableLimit, StoppedLimit, ContactRowsLimit):
 
     @cached_property
     def _arm(self) -> Robot:
-        assert isinstance(self.robot, Robot)  # it was wanted
-        return self.robot
+        return Robot.of(self.robot)  # it was wanted
 
     @cached_property
     def _brakes(self) -> Brakes:
@@ -254,9 +253,8 @@ class StopLimit(StateLimit, TableLimit, ContactRowsLimit):
 
 def cancel_of(robot: StandingMechanism, asked: Limits) -> tuple[Robot, Cancel]:
     """The arm and its controller, where the limits ask for cancels."""
-    assert isinstance(robot, Robot)
     assert asked.cancel is not None
-    return robot, asked.cancel
+    return Robot.of(robot), asked.cancel
 
 
 class _Stopped(Loaded):
@@ -299,7 +297,7 @@ class CancelLimit(TableLimit, StoppedLimit, ContactRowsLimit):
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
-        return asked.cancel is not None and isinstance(robot, Robot)
+        return asked.cancel is not None and robot.arm is not None
 
     def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
         robot, cancel = cancel_of(sampled.robot, self.asked)

@@ -60,10 +60,9 @@ def require_exportable(robot: StandingMechanism) -> Robot:
     Raises:
         InputError: it is a parallel robot, its base drives, or a contact has no model.
     """
-    if not isinstance(robot, Robot):
-        raise InputError(
-            f"only arms are exported with their base, not a {robot.kind} (see ocptip parallel --mjcf)"
-        )
+    robot = Robot.of(
+        robot, f"only arms are exported with their base, not a {robot.kind} (see ocptip parallel --mjcf)"
+    )
     if robot.drive_profile is not None:
         raise InputError("drive_profile: simulations are of a base that rests, not of one that drives")
     if robot.objects and robot.support.elastic is not None:

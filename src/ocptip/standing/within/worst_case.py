@@ -17,7 +17,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from ocptip.basics.errors import InputError
 from ocptip.reserves.slip import SlipMap, known
 from ocptip.reserves.tipping import TipMap
 from ocptip.reserves.wrench_cone import ConeMap
@@ -77,8 +76,9 @@ class WorstCase:
     """
 
     def __init__(self, robot: StandingMechanism, tolerance: Uncertainty, interface: int = 0) -> None:
-        if not isinstance(robot, Robot):
-            raise InputError("tolerance: parallel robots have only damping in [tolerance] (--tolerance none)")
+        robot = Robot.of(
+            robot, "tolerance: parallel robots have only damping in [tolerance] (--tolerance none)"
+        )
         self.deviations: Deviations = deviations_of(robot, tolerance, interface)
         self._nominal = robot.interfaces[interface]
         self.footing = self._nominal.weakest(tolerance)

@@ -20,7 +20,6 @@ from ocptip.robots.inverse.pose_target import AXES, PoseTarget
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf.file import UrdfFile
 from ocptip.robots.urdf.joint_limits import values_of_state
-from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -198,14 +197,14 @@ def read_end(
     robot: StandingMechanism, table: Table, key: str, limits: Limits
 ) -> tuple[np.ndarray, PoseTarget | None]:
     """Postures (k, n) of a start or a goal, and the pose they are postures of, if it is one."""
-    if not isinstance(robot, Robot):
+    if (arm := robot.arm) is None:
         return table.get(key, REQUIRED, size=robot.n)[None], None
-    target = read_target(robot.arm, table, key)
+    target = read_target(arm, table, key)
     if target is None:
-        return given_angles(robot.arm, table, key), None
+        return given_angles(arm, table, key), None
     with table.table(f"{key}_pose").at(pose=""):
-        postures = postures_of(robot.arm, target, limits)
-    far, turn = target.misses(robot.arm, postures).max(axis=0)
+        postures = postures_of(arm, target, limits)
+    far, turn = target.misses(arm, postures).max(axis=0)
     if max(far, turn) > REACHED:
         where, miss = table.place(f"{key}_pose"), f"{1e3 * far:.2g} mm and {np.rad2deg(turn):.2g} degrees"
         doubt(

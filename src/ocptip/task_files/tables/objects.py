@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 
 from ocptip.basics import schema
@@ -71,7 +69,7 @@ def with_objects(data: Table, robot: StandingMechanism) -> StandingMechanism:
         return robot
     objects = [_object(table) for table in data.tables("object")]
     with data.at("object"):
-        return cast(Robot, robot).carrying(objects)
+        return Robot.of(robot).carrying(objects)
 
 
 def _object(table: Table) -> Object:
