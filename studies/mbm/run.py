@@ -23,12 +23,13 @@ import pinocchio as pin
 
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError, PlanningError
+from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.certificate.checks import certified
 from ocptip.motion.files.execution import execute
 from ocptip.motion.paths.search import search_path
 from ocptip.motion.task import MotionTask
 from ocptip.motion.violations import sentence
-from ocptip.numerics.time_limit import TimeIsUpError, interrupted_after
+from ocptip.numerics.time_limit import interrupted_after
 from ocptip.retiming.among import NODES
 from ocptip.retiming.retime import retime
 from ocptip.trajectories.trajectory import Trajectory

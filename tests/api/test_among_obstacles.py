@@ -15,8 +15,9 @@ import ocptip
 from ocptip.api.methods import methods_for, of_segments, searched
 from ocptip.api.results.plan import Plan
 from ocptip.basics.errors import InputError, InputWarning, PlanningError, SolverError
+from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.cli.plan.plan_report import PlanReport
-from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
+from ocptip.numerics.time_limit import TimeBudget, interrupted_after
 from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.task_files.motion import load_task
 from tests.motion.paths.among_boxes import WALL, task_among, task_file

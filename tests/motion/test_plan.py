@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError, PlanningError
+from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.certificate.checks import certified
 from ocptip.certificate.result import Certificate, Undecided
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
@@ -25,7 +26,6 @@ from ocptip.motion.plan import MotionPlan, plan_motion, proved
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
 from ocptip.motion.planner.jobs import Jobs, _search
 from ocptip.motion.planner.one_start import Search
-from ocptip.numerics.time_limit import TimeIsUpError
 from ocptip.numerics.workers import WorkerDiedError, worker_pool
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar

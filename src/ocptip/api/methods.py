@@ -13,6 +13,7 @@ from typing import Literal, cast
 import numpy as np
 
 from ocptip.basics.errors import InputError, InputWarning, PlanningError, SolverError
+from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.basics.text import quantity
 from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.task import Task
@@ -21,7 +22,7 @@ from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import TIME_IS_UP, ToleranceError
 from ocptip.motion.stops.rules import Kinds
 from ocptip.motion.task import MotionTask
-from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
+from ocptip.numerics.time_limit import TimeBudget, interrupted_after
 from ocptip.retiming import among
 from ocptip.trajectories.controllers import Controller
 from ocptip.trajectories.velocity_profiles import checked_rise_times

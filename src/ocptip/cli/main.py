@@ -17,13 +17,13 @@ from collections.abc import Sequence
 from types import FrameType
 from typing import Any, NoReturn
 
+from ocptip.basics.interrupts import comes_again, interrupt, send_lost_again
 from ocptip.basics.text import did_you_mean
 from ocptip.cli.command import BAD_INPUT, FURTHER_CODES, INTERRUPTED, explained, say, stops
 from ocptip.cli.commands import COMMANDS, GROUPS
 
 _EXIT = 5.0  # s, that an interrupted process may take to end
 _SAME = 1.0  # s, in which a second signal asks for nothing new
-_AGAIN = 0.02  # s, until a signal whose exception was lost comes again
 
 
 class _Parser(argparse.ArgumentParser):
@@ -150,51 +150,20 @@ def _main(arguments: Sequence[str] | None) -> int:
 def _stop_on_signals() -> None:
     """Let Ctrl-C and SIGTERM stop the command, whose results are kept; a second signal ends it at once."""
 
-    again = set[int]()
-
     def stop(number: int, frame: FrameType | None) -> None:
         now = time.monotonic()
         if not stops:
             stops.append((number, now))
-        elif number not in again:
+        elif not comes_again(number):
             if now > stops[0][1] + _SAME:  # `timeout` sends its signal twice, which is one request
                 os._exit(INTERRUPTED)
             return
-        again.discard(number)
-        if not _in_casadi(frame):
-            raise KeyboardInterrupt
-        threading.Timer(_AGAIN, send_again, (number,)).start()
+        interrupt(KeyboardInterrupt, number, frame)
 
-    def send_again(number: int) -> None:
-        if not callable(signal.getsignal(number)):  # the block with the time limit has ended
-            return
-        again.add(number)
-        if hasattr(signal, "pthread_kill"):
-            signal.pthread_kill(threading.main_thread().ident or 0, number)  # wakes it if it waits
-        else:
-            signal.raise_signal(number)
-
-    def unraisable(lost: Any) -> None:
-        if not issubclass(lost.exc_type, KeyboardInterrupt):
-            return sys.__unraisablehook__(lost)
-        # Python drops what a handler raises within `__del__` or the callback of a weak reference, which every
-        # import has. The signal comes again when the callback has returned.
-        number = stops[0][0] if lost.exc_type is KeyboardInterrupt else signal.SIGALRM
-        return threading.Timer(_AGAIN, send_again, (number,)).start()
-
-    sys.unraisablehook = unraisable
+    send_lost_again()
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:  # as of commands in the background
             signal.signal(number, stop)
-
-
-def _in_casadi(frame: FrameType | None) -> bool:
-    """Whether this is code of CasADi, which can drop an exception; its callbacks hand them on."""
-    while frame is not None and (name := frame.f_globals.get("__name__")) != "ocptip.numerics.ipopt":
-        if name == "casadi.casadi":
-            return True
-        frame = frame.f_back
-    return False
 
 
 def parser() -> argparse.ArgumentParser:

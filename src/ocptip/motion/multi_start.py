@@ -28,7 +28,7 @@ from typing import cast
 import numpy as np
 
 from ocptip.basics.errors import PlanningError
-from ocptip.numerics.time_limit import TimeIsUpError
+from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.motion.check import Prove
 from ocptip.motion.choices import first_round, likely_choices, second_round
 from ocptip.motion.motion_plan import MotionPlan

@@ -14,6 +14,7 @@ from typing import Any, cast
 import numpy as np
 
 from ocptip.basics.errors import PlanningError, whole_number
+from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.motion.check import Prove
 from ocptip.motion.cycles.choices import Way, best_sequences, layers_of, likely_sequences, rest_cost
 from ocptip.motion.cycles.free_poses import moved_sequences
@@ -24,7 +25,7 @@ from ocptip.motion.planner.attempt import Attempt
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.threads import one_thread
-from ocptip.numerics.time_limit import TimeBudget, TimeIsUpError, interrupted_after
+from ocptip.numerics.time_limit import TimeBudget, interrupted_after
 from ocptip.numerics.workers import worker_pool
 
 FIRST = 2  # starts that every segment of every promising way gets; the others go to the best way

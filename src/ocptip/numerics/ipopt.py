@@ -11,8 +11,8 @@ from typing import Any, Protocol
 import casadi as cs
 import numpy as np
 
+from ocptip.basics.interrupts import interrupts_after
 from ocptip.numerics.threads import one_thread
-from ocptip.numerics.time_limit import interrupts_after
 
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 """Status of a program that met its tolerance, or the acceptable one."""

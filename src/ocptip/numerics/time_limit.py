@@ -7,15 +7,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from functools import partial
+from typing import TypeVar
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.interrupts import TimeIsUpError, interrupt
 
 T = TypeVar("T")
-
-
-class TimeIsUpError(KeyboardInterrupt):
-    """An interrupt by a time limit, not by a user."""
 
 
 @contextmanager
@@ -35,9 +33,7 @@ def interrupted_after(seconds: float) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
         raise InputError("seconds: a time limit needs the main thread of a process, and not Windows")
 
-    def stop(*_: Any) -> None:
-        raise TimeIsUpError
-
+    stop = partial(interrupt, TimeIsUpError)
     before, began = signal.signal(signal.SIGALRM, stop), time.monotonic()
     around, _ = signal.setitimer(signal.ITIMER_REAL, seconds)  # 0: there is none
     try:
@@ -47,38 +43,6 @@ def interrupted_after(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
         if around:
             signal.setitimer(signal.ITIMER_REAL, max(around - (time.monotonic() - began), 1e-6))
-
-
-@contextmanager
-def interrupts_after(errors: list[BaseException]) -> Iterator[None]:
-    """Raise the first of `errors` after the block, and add what handlers of signals raise inside it.
-
-    For libraries in C++: they would turn the exception of a handler into an error of theirs, or lose it.
-    """
-    inside = True
-
-    def keep(number: int, frame: Any) -> None:
-        try:
-            handlers[number](number, frame)
-        except BaseException as error:
-            if not inside:
-                raise
-            errors.append(error)
-
-    in_main_thread = threading.current_thread() is threading.main_thread()  # others cannot set handlers
-    numbers = [getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGALRM") if in_main_thread]
-    handlers: dict[int, Any] = {n: signal.getsignal(n) for n in numbers if n is not None}
-    handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
-    try:
-        for number in handlers:
-            signal.signal(number, keep)
-        yield
-    finally:
-        inside = False  # from here an interrupt may leave `keep` as the handler: it hands all on
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
-        if errors:
-            raise errors[0]
 
 
 class TimeBudget:

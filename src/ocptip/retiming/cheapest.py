@@ -17,9 +17,9 @@ import numpy as np
 import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError, SolverError
+from ocptip.basics.interrupts import interrupts_after
 from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
 from ocptip.numerics.ipopt import nlpsol
-from ocptip.numerics.time_limit import interrupts_after
 from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.fastest import Grid, Polygons
 from ocptip.retiming.late import Couplings

@@ -14,8 +14,8 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError
+from ocptip.basics.interrupts import interrupts_after
 from ocptip.numerics.ipopt import ending, nlpsol
-from ocptip.numerics.time_limit import interrupts_after
 from ocptip.retiming.fastest import Grid
 from ocptip.retiming.kernels import MOST, clipped
 from ocptip.trajectories.path import derivatives

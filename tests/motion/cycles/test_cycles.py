@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import ocptip
 from ocptip import load_task
 from ocptip.basics.errors import InputError, PlanningError
+from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.certificate.checks import certified, certified_cycle
 from ocptip.certificate.result import Undecided
 from ocptip.certificate.trusted.checker import check_certificate
@@ -28,7 +29,6 @@ from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.tolerated import robustness, tolerated
 from ocptip.numerics import time_limit
-from ocptip.numerics.time_limit import TimeIsUpError
 from ocptip.pictures.plan import _ground, moment_at
 from ocptip.pictures.plan_curves import PlanCurves, seen_plan
 from ocptip.standing.tolerance import Uncertainty
