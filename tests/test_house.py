@@ -156,7 +156,7 @@ def test_imports_inside_functions_are_few():
         for line in (one.lineno for one in module(path).imports):
             if any(first <= line <= last for first, last in module(path).functions):
                 inside.add((name, line))
-    assert len(inside) <= 36, sorted(inside)
+    assert len(inside) <= 24, sorted(inside)
 
 
 def test_a_class_name_stands_for_one_class():

@@ -79,6 +79,7 @@ _HOME = {
     "Trajectory": "ocptip.trajectories.trajectory",
     "Uncertainty": "ocptip.standing.tolerance",
     "UnilateralContact": "ocptip.contact",
+    "__version__": "ocptip.basics.version",
     "certify": "ocptip.api.certify",
     "chart": "ocptip.api.chart",
     "check": "ocptip.api.check",
@@ -151,10 +152,6 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    if name == "__version__":
-        from ocptip.basics.version import version
-
-        return version()
     if name not in _HOME:
         raise AttributeError(f"module 'ocptip' has no attribute {name!r}")
     globals()[name] = value = getattr(importlib.import_module(_HOME[name]), name)

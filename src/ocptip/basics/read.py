@@ -19,6 +19,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import yaml
+
 from ocptip.basics.errors import InputError
 
 MOST_BYTES = 2**29
@@ -149,8 +151,6 @@ def parse_yaml(text: str) -> Any:
     An alias costs nothing until its value is printed or copied, so that ten lines can stand for 10^9 values.
     Therefore the values are counted first and built afterwards.
     """
-    import yaml
-
     try:
         loader = yaml.SafeLoader(text)
         try:

@@ -11,3 +11,6 @@ def version() -> str:
         return metadata.version("ocptip")
     except metadata.PackageNotFoundError:
         return "0+not.installed"
+
+
+__version__ = version()

@@ -1,4 +1,4 @@
-"""Runs any command: arguments in; text or JSON, files and exit code out. Loads no numerics."""
+"""What can be typed, what commands answer, and what errors they end with. Loads no numerics."""
 
 from __future__ import annotations
 
@@ -8,17 +8,14 @@ import json
 import os
 import sys
 import traceback
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
 from ocptip.cli.arguments import Argument
-from ocptip.cli.terminal import coloured, latest, lines_while
 
 try:
     import resource
@@ -34,7 +31,6 @@ stops: list[tuple[int, float]] = []
 FURTHER_CODES = f"{BAD_INPUT} bad input, {INTERNAL_ERROR} internal error, {INTERRUPTED} interrupted"
 _LONGEST = 4000  # characters of a message
 _NO_MEMORY = "Cannot allocate memory", "bad_alloc", "libllvmlite"  # which is large
-_FILES, _FILES_PER_JOB = 32, 8
 
 
 @dataclass
@@ -184,25 +180,6 @@ class Command:
         """The module whose function `run` answers."""
         return f"ocptip.cli.{self.group.replace(' ', '_')}.{self.name}"
 
-    def prepare(self, options: argparse.Namespace) -> None:
-        """Let the processes of the command start while the command itself loads what it needs."""
-        if self.preload and options.jobs != 1 and not getattr(options, "scheduler", None):
-            from ocptip.numerics.fork_server import cores, prepare_workers
-
-            _require_files(options.jobs or cores())
-            prepare_workers(self.preload)
-
-    def _refuse_targets(self, options: argparse.Namespace) -> None:
-        """Refuse, before anything is computed, to replace files that ocptip did not write."""
-        given = [(name, path) for name in self.files if (path := getattr(options, name)) is not None]
-        for name, path in given:
-            from ocptip.basics.errors import naming
-            from ocptip.basics.outputs import require_replaceable_file
-
-            with naming(f"--{name}"):
-                for one in (path, os.path.splitext(path)[0] + ".h") if name == "c" else (path,):
-                    require_replaceable_file(one, overwrite=options.overwrite)
-
     def add_to(self, commands: Any) -> None:
         """Add it to the subparsers of the command line."""
         epilog = f"exit codes: {self.codes}, {FURTHER_CODES}"
@@ -220,35 +197,6 @@ class Command:
         output.add_argument("-v", "--verbose", action="store_true", help="print all details")
         output.add_argument("-q", "--quiet", action="store_true", help="print the verdict only, no progress")
 
-    def execute(self, options: argparse.Namespace, own_process: bool = False) -> int:
-        """Run, write, print; every error becomes one line on stderr. Returns the exit code."""
-        try:
-            self._refuse_targets(options)
-            if own_process:
-                self.prepare(options)
-            latest.quiet = options.quiet
-            module = import_module(self.module)
-            from ocptip.numerics.threads import one_thread  # of the libraries that are loaded by now
-
-            lines = lines_while(sys.stderr, f"ocptip {self.name}") if own_process else nullcontext()
-            with suspicions() as messages, one_thread, lines:
-                report: Report = module.run(options)
-            report.warnings, report.verbose = messages, options.verbose
-            answer = report.to_text() if report.early and not options.json and not options.quiet else ""
-            if answer:
-                _print(answer)
-            failure = written(report)
-            text = report.to_json() if options.json else report.to_text()
-            if options.quiet and not options.json:
-                text = "\n".join([text.split("\n", 1)[0], *report.unmet])
-            if rest := text.removeprefix(answer).removeprefix("\n"):
-                _print(rest)
-            return report.exit_code if failure is None else say(*explained(failure))
-        except KeyboardInterrupt as stop:
-            return say(INTERRUPTED, f"interrupted {stop}".rstrip())
-        except Exception as error:  # Python itself would exit with 1, which means "no"
-            return say(*explained(error))
-
 
 def _positionals(parser: argparse.ArgumentParser) -> str:
     """Positional arguments in words, for the first line of the help."""
@@ -259,51 +207,6 @@ def _positionals(parser: argparse.ArgumentParser) -> str:
             more = f"{word} ..." if action.nargs in ("+", "*") else word
             words.append(f"[{more}]" if action.nargs in ("?", "*") else more)
     return " ".join(words)
-
-
-def _require_files(jobs: int) -> None:
-    """Raise OSError where the system allows this process fewer open files than its workers need."""
-    if resource is None:
-        return
-    limit, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    needed = _FILES + _FILES_PER_JOB * jobs
-    if most == resource.RLIM_INFINITY or limit < needed <= most:
-        limit = max(limit, needed)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (limit, most))
-    if limit < needed:
-        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
-
-
-@contextmanager
-def suspicions() -> Iterator[list[str]]:
-    """Say what is suspicious about the input on stderr, and collect it; other warnings pass unchanged."""
-    from ocptip.basics.errors import InputWarning
-
-    messages: list[str] = []
-    with warnings.catch_warnings():
-        others = warnings.showwarning
-
-        def show(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
-            if not issubclass(category, InputWarning):
-                return others(message, category, *rest, **named)
-            messages.append(f"{message}")
-            with suppress(OSError):  # stderr may be full
-                print(f"warning: {message}", file=sys.stderr)
-            return None
-
-        warnings.showwarning = show
-        warnings.simplefilter("always", InputWarning)
-        yield messages
-
-
-def written(report: Report) -> OSError | None:
-    """Write the files; an error is returned, not raised: a full disk must not cost the result."""
-    try:
-        for path in report.write():
-            report.written.append(path)
-    except OSError as error:
-        return error
-    return None
 
 
 def explained(error: Exception) -> tuple[int, str]:
@@ -371,13 +274,3 @@ def say(code: int, message: str) -> int:
     with suppress(OSError):  # stderr may be full
         print(f"ocptip: {line}", file=sys.stderr)
     return code
-
-
-def _print(text: str) -> None:
-    try:
-        print(coloured(text, sys.stdout), flush=True)
-    except OSError as error:
-        # The reader (`| head`) has left, or the disk is full; Python would complain when it flushes at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if not isinstance(error, BrokenPipeError):
-            raise OSError(error.errno, error.strerror, "stdout") from None

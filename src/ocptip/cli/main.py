@@ -128,6 +128,7 @@ def _exit_later(code: int) -> NoReturn:
 
 
 def _main(arguments: Sequence[str] | None) -> int:
+    """Run a command; every error becomes one line on stderr."""
     for stream in (sys.stdout, sys.stderr):
         if reconfigure := getattr(stream, "reconfigure", None):
             reconfigure(errors="backslashreplace")
@@ -144,7 +145,14 @@ def _main(arguments: Sequence[str] | None) -> int:
         # OpenBLAS takes memory for each thread, and raises SIGINT at itself where it gets none.
         os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
         _stop_on_signals()
-    return command.execute(options, own_process=arguments is None)
+    try:
+        from ocptip.cli.run import run  # loads NumPy, which --help does without
+
+        return run(command, options, own_process=arguments is None)
+    except KeyboardInterrupt as stop:
+        return say(INTERRUPTED, f"interrupted {stop}".rstrip())
+    except Exception as error:  # Python itself would exit with 1, which means "no"
+        return say(*explained(error))
 
 
 def _stop_on_signals() -> None:

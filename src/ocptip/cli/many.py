@@ -20,7 +20,8 @@ from ocptip.basics.read import read_json, read_text
 from ocptip.basics.text import table
 from ocptip.basics.version import version
 from ocptip.basics.write import plain
-from ocptip.cli.command import Report, explained, suspicions, written
+from ocptip.cli.command import Report, explained
+from ocptip.cli.run import suspicions, written
 from ocptip.motion.files.source import TaskSource
 from ocptip.numerics.workers import worker_pool
 

@@ -1,6 +1,6 @@
 """The process that workers are forked from: it loads their modules while a command loads others.
 
-Loads no numerics, so that it is started before anything else is.
+Loads no numerics, so that it can be started before they are loaded.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from ocptip.basics.schema import REQUIRED, Key, Keys
 from ocptip.basics.text import of_known
 from ocptip.basics.toml import Source, Table
 from ocptip.basics.values import number_of
+from ocptip.contact.support import Support
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotations, product_of, value_of
 from ocptip.parallel.description.mdh import modified_rows, moved_inertia, standard_frame
@@ -34,7 +35,11 @@ from ocptip.parallel.description.robot_description import (
     RobotDescription,
     SerialLeg,
 )
+from ocptip.parallel.robot import ParallelRobot
+from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
 from ocptip.task_files.doubts import require_kind
+from ocptip.task_files.tables.motors import dc_motors
+from ocptip.task_files.tables.payload import load_table, read_payload, read_process, read_sensor
 
 _JOINTS = {"revolute": REVOLUTE, "prismatic": PRISMATIC, "fixed": FIXED}
 _ENTRIES = ("gamma", "b", "alpha", "d", "theta", "r")
@@ -394,3 +399,41 @@ def _loops(table: Table) -> list[tuple[int, int]]:
     if (pairs % 1 != 0).any():
         raise table.error(f"expected pairs of rows, [[3, 5]], got {pairs.tolist()}", "loops")
     return [(int(a) - 1, int(b) - 1) for a, b in pairs]
+
+
+def read_platform_robot(
+    data: Table, support: Support, moment: float | None, segment: Table | None = None
+) -> StandingParallelRobot:
+    """The robot of a file on its support.
+
+    Args:
+        data: the file.
+        support: of its scene.
+        moment: reference moment, N m, or None.
+        segment: of a cycle.
+    """
+    table = data.table("robot")
+    name, payload = table["parallel"], read_payload(load_table(data, segment))
+    mount = {"position": table["mount_position"], "rotation": table.rotation("mount_", np.eye(3))}
+    process = read_process(data, segment)
+    if process is not None and process.turns_with_tool:
+        raise data.error('of a parallel robot has axes = "base" or "world"', "process.axes")
+    load = None if process is None else process.seen_from(mount["rotation"].T).wrench
+    table.close(early=True)
+    with table.at("parallel"):
+        made = READY_MADE[name]() if name in READY_MADE else read_parallel_robot(table.named_file("parallel"))
+        robot = ParallelRobot(made.with_payload(payload))
+    sensor, motors = read_sensor(data, mount["position"]), data.table("motors")
+    _ = motors["kind"]  # complains where it is missing
+    drives, given = dc_motors(motors, robot.m), table.table("limits")
+    bounds = {
+        one.name: given.get(one.name, size=robot.m)
+        for one in fields(PlatformLimits)
+        if one.name != "singularity"
+    }
+    bounds["motor_speed"] = given.get("motor_speed", np.inf, size=robot.m)
+    limits = given.make(PlatformLimits, **bounds, **given.given("singularity"))
+    with table.at(), given.at(None):
+        return StandingParallelRobot(
+            robot, support, drives, limits, **mount, load=load, reference_moment=moment, sensor=sensor
+        )

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from ocptip.basics import schema
 from ocptip.basics.schema import Key, Keys
@@ -26,16 +23,12 @@ from ocptip.task_files.tables.motors import (
     MOTORS,
     PLATFORM_MOTORS,
     arm_and_motors,
-    dc_motors,
     gear_damping_ratio,
 )
 from ocptip.task_files.tables.payload import (
     PAYLOAD,
     PROCESS,
     SENSOR,
-    load_table,
-    read_payload,
-    read_process,
     read_sensor,
 )
 from ocptip.task_files.tables.shapes import (
@@ -46,9 +39,6 @@ from ocptip.task_files.tables.shapes import (
     shape_key,
 )
 from ocptip.task_files.tables.tolerance import tolerance_of
-
-if TYPE_CHECKING:
-    from ocptip.standing.platform import StandingParallelRobot
 
 
 def _coordinate_limit(meaning: str, unit: str = "m, rad", bound: str = "", otherwise: str = "") -> schema.Key:
@@ -79,45 +69,6 @@ PLATFORM_ROBOT = Keys(
         "limits": schema.table(_LIMITS),
     },
 )
-
-
-def read_platform_robot(
-    data: Table, support: Support, moment: float | None, segment: Table | None = None
-) -> StandingParallelRobot:
-    """The robot of a file on its support.
-
-    Args:
-        data: the file.
-        support: of its scene.
-        moment: reference moment, N m, or None.
-        segment: of a cycle.
-    """
-    from ocptip.parallel.description.ready_made import READY_MADE  # these load for 0.1 s
-    from ocptip.parallel.robot import ParallelRobot
-    from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
-    from ocptip.task_files.parallel import read_parallel_robot
-
-    table = data.table("robot")
-    name, payload = table["parallel"], read_payload(load_table(data, segment))
-    mount = {"position": table["mount_position"], "rotation": table.rotation("mount_", np.eye(3))}
-    process = read_process(data, segment)
-    if process is not None and process.turns_with_tool:
-        raise data.error('of a parallel robot has axes = "base" or "world"', "process.axes")
-    load = None if process is None else process.seen_from(mount["rotation"].T).wrench
-    table.close(early=True)
-    with table.at("parallel"):
-        made = READY_MADE[name]() if name in READY_MADE else read_parallel_robot(table.named_file("parallel"))
-        robot = ParallelRobot(made.with_payload(payload))
-    sensor, motors = read_sensor(data, mount["position"]), data.table("motors")
-    _ = motors["kind"]  # complains where it is missing
-    drives, given = dc_motors(motors, robot.m), table.table("limits")
-    bounds = {key: given.get(key, size=robot.m) for key in _LIMITS.keys if key != "singularity"}
-    bounds["motor_speed"] = given.get("motor_speed", np.inf, size=robot.m)
-    limits = given.make(PlatformLimits, **bounds, **given.given("singularity"))
-    with table.at(), given.at(None):
-        return StandingParallelRobot(
-            robot, support, drives, limits, **mount, load=load, reference_moment=moment, sensor=sensor
-        )
 
 
 ROBOT_BASE = Keys(
@@ -254,6 +205,8 @@ class TaskScene:
         if "robot" in data:
             if self._speeds:
                 raise data.error("speed limits of points are for arms", "limits")
+            from ocptip.task_files.parallel import read_platform_robot  # loads for 0.1 s
+
             return read_platform_robot(data, self._support, self._moment, segment)
         gripper = "" if segment is None else repr([segment.content.get(key) for key in LOCKED])
         if gripper not in self._arms:

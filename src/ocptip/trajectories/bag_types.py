@@ -36,23 +36,25 @@ class Rosbags:
 def rosbags_package() -> Rosbags:
     """The package, loaded once: making its classes of messages takes half a second."""
     try:
-        from rosbags.rosbag1 import Reader as Reader1
-        from rosbags.rosbag2 import Reader, StoragePlugin, Writer
-        from rosbags.typesys import (
-            Stores,
-            TypesysError,
-            get_types_from_idl,
-            get_types_from_msg,
-            get_typestore,
-        )
+        from rosbags import rosbag1, rosbag2, typesys
     except ImportError:
         raise InputError("bags need the package rosbags: pip install 'ocptip[bags]'", "") from None
 
-    store1 = cache(partial(get_typestore, Stores.ROS1_NOETIC))  # made only where a bag of ROS 1 is read
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    parsers = {"MSG": get_types_from_msg, "IDL": lambda text, _: _of_idl(get_types_from_idl, text)}
-    empty = partial(get_typestore, Stores.EMPTY)
-    return Rosbags(Reader, Reader1, Writer, StoragePlugin.MCAP, store, store1, empty, TypesysError, parsers)
+    made, stores = typesys.get_typestore, typesys.Stores
+    store1 = cache(partial(made, stores.ROS1_NOETIC))  # made only where a bag of ROS 1 is read
+    idl = typesys.get_types_from_idl
+    parsers = {"MSG": typesys.get_types_from_msg, "IDL": lambda text, _: _of_idl(idl, text)}
+    return Rosbags(
+        rosbag2.Reader,
+        rosbag1.Reader,
+        rosbag2.Writer,
+        rosbag2.StoragePlugin.MCAP,
+        made(stores.ROS2_HUMBLE),
+        store1,
+        partial(made, stores.EMPTY),
+        typesys.TypesysError,
+        parsers,
+    )
 
 
 def _of_idl(parse: Callable[[str], dict[str, Any]], text: str) -> dict[str, Any]:
