@@ -1,6 +1,6 @@
 """Interrupts and time limits are signals. Their exception is raised only where nothing loses it.
 
-A library in C++ drops an exception, or makes an error of its own of it: a block `interrupts_after` keeps it
+A library in C++ drops an exception, or turns it into another: a block `interrupts_after` keeps it
 until the library has returned. Elsewhere in CasADi, in `__del__` and in callbacks of weak references, which
 every import has, the signal comes again a little later.
 """
