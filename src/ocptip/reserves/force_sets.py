@@ -149,14 +149,14 @@ class FreeForces:
     ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]]:
         """States `rows` in groups of one problem size.
 
-        Rows (R,), contacts (R, m), bases (R, m, d, nz), and the orthonormal complements of the tangential
-        ones (R, m, 2, 3) where all of the group have them.
+        Rows (R,), contacts (R, m), bases (R, m, d, nz), and their complements, see `basis`, where all of the
+        group have them.
         """
         if len(rows) == 0:
             return
         patterns, which = distinct_rows(carries[rows])
         bases = [self.basis(pattern, with_normals) for pattern in patterns]
-        shapes = [(basis.shape, J is not None) for _, basis, J in bases]
+        shapes = [(basis.shape, () if J is None else J.shape) for _, basis, J in bases]
         for shape in sorted(set(shapes)):
             members = [p for p, shape_of_piece in enumerate(shapes) if shape_of_piece == shape]
             place = np.full(len(patterns), -1)
@@ -176,7 +176,8 @@ class FreeForces:
         """Contacts that take part and an orthonormal basis (m, d, nz) of the forces that cancel each other.
 
         Tangential forces are counted in units of `ForceSets.grip` if normal forces are free as well. Third:
-        the complement of the tangential ones (m, 2, 3) where that has three columns, as on a plane.
+        the orthonormal complement, what the forces balance. Of tangential ones alone (m, 2, 3) where it has
+        three columns, of all (m, d, r) where both balance apart, as on a plane; else None.
 
         Free are the tangential forces of the contacts that carry, or all forces of all contacts but of
         unloaded ones whose normal force is the same in all solutions.
@@ -203,6 +204,12 @@ class FreeForces:
                     break
                 taking_part &= ~stuck
             J = None
+            if with_normals:
+                balances = np.zeros((*free.shape, rank))
+                balances[free] = vt[:rank].T
+                normal = balances[:, 0].T @ balances[:, 0]  # a projection where they are apart
+                if np.max(np.abs(normal @ normal - normal)) < _RANK_TOLERANCE:
+                    J = balances[taking_part]
             both = matrix.shape[2] == 3 and not np.any(self._sets.along[taking_part] == 0)
             if not with_normals and rank == 3 and both:
                 J = vt[:3].T.reshape(-1, 2, 3)

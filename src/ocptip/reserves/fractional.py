@@ -11,9 +11,8 @@ fractional programming: Dinkelbach; Crouzeix, Ferland and Schaible, J. Optim. Th
 monotonically and superlinearly near the optimum. Far from it, where limits differ by magnitudes, it is slow;
 so every other program tries half of what is left above the largest t known to be too small.
 
-Where all contacts lie in one plane, normal and tangential forces balance apart: z is the sum of a part that
-changes only normal forces and one that changes only tangential forces. Then T / t, like T, is free to change
-by the second part, and one cone program does: 1 / t is the maximum of s with |s q_i + Q_i z| <= limit_i.
+Where all contacts lie in one plane, normal and tangential forces balance apart. Then one cone program does,
+see `coplanar`.
 
 Contacts without friction have no tangential force and no limit. Their cones would pin F(t) to zero for every
 t, so they have none: only the ends of their normal forces count.
@@ -30,6 +29,7 @@ import clarabel
 import numpy as np
 
 from ocptip.numerics.vectors import distinct_rows
+from ocptip.reserves.coplanar import largest_growth
 from ocptip.reserves.minimax import ZERO_USAGE, ConeBatch, forces_of, lengths
 from ocptip.reserves.optimality import ForceRange, refined
 
@@ -41,7 +41,9 @@ _SMALLEST_DIVISOR = 1e-3
 _DECREASE = 1e-9
 _NEAR = 1e-3
 _MAX_ITERATIONS = 40
-_APART = 1e-9  # largest error of a projection of balances that are apart
+_LEVEL = 1e-6  # slopes of limits that count as none
+_ENDS = 1e-9  # of a normal force beyond its range, of the largest force
+_CLOSED = 1e-10  # gap between the bounds of a usage, relative to it or 1
 _FEW, _ONE_OF = 8, 4  # states that are solved one by one; of more, one of so many at first
 _CHUNK = 500
 
@@ -80,7 +82,13 @@ def largest_usage(tangential: np.ndarray, limits: np.ndarray) -> np.ndarray:
     return np.max(np.where(counts, lengths(tangential) / np.where(counts, limits, 1.0), 0.0), axis=1)
 
 
-def minimise_fraction(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalOptimum:
+def minimise_fraction(
+    q: np.ndarray,
+    Q: np.ndarray,
+    forces: ForceRange,
+    balances: np.ndarray | None = None,
+    exact: bool = True,
+) -> FractionalOptimum:
     """Smallest largest usage of N states of the same size, starting from z = 0, which must be feasible.
 
     All forces in units of the largest force of their state.
@@ -89,7 +97,16 @@ def minimise_fraction(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> Fract
         q: (N, n, k) tangential forces at z = 0.
         Q: (N, n, k, nz) tangential forces per unit of z, orthonormal together with `forces.per_z`.
         forces: normal forces and limits.
+        balances: (N, n, k + 1, r), orthonormal complement of `forces.per_z` and Q, where normal and
+            tangential forces balance apart; None otherwise.
+        exact: whether derivatives are wanted.
     """
+    if balances is not None:
+        best = _start(q, forces, Q.shape[3])
+        left = np.flatnonzero(~_by_growth(best, q, Q, forces, balances, exact))
+        if len(left):
+            best.put(left, minimise_fraction(q[left], Q[left], forces.take(left)))
+        return best
     count = len(q)
     # States are grouped by their frictionless contacts, since one cone program serves only equal structures.
     patterns, which = distinct_rows(forces.rough)
@@ -165,7 +182,7 @@ def _one_by_one(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalO
         return best
     batch = _batch(forces.rough[0], k, Q.shape[3])
     known_too_small = np.zeros(count)
-    todo = np.flatnonzero(~_by_one_program(best, q, Q, forces, batch))
+    todo = np.arange(count)
     for iteration in range(_MAX_ITERATIONS):
         if len(todo) == 0:
             break
@@ -204,38 +221,57 @@ def _one_by_one(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalO
     return best
 
 
-def _by_one_program(
-    best: FractionalOptimum, q: np.ndarray, Q: np.ndarray, forces: ForceRange, batch: ConeBatch
+def _by_growth(
+    best: FractionalOptimum,
+    q: np.ndarray,
+    Q: np.ndarray,
+    forces: ForceRange,
+    balances: np.ndarray,
+    exact: bool,
 ) -> np.ndarray:
-    """Improve the states whose balances are apart by one program each; (N,) True where it is proven."""
+    """Improve states whose normal and tangential forces balance apart; (N,) True where that is proven."""
     proven = np.zeros(len(q), dtype=bool)
-    projection = np.einsum("siz,siy->szy", forces.per_z, forces.per_z)  # P'P = 1 - Q'Q, if they are apart
-    error = np.max(np.abs(projection @ projection - projection), axis=(1, 2), initial=0.0)
-    rows = np.flatnonzero((error < _APART) & (best.usage > ZERO_USAGE))
+    steep = np.all(~forces.rough | (np.abs(forces.slope) > _LEVEL), axis=1)
+    rows = np.flatnonzero((best.usage > ZERO_USAGE) & steep & forces.rough.any(axis=1))
     if not len(rows):
         return proven
-    # s counts in units of 1 / usage, so that it is at least 1; x_0 is -s
-    one, usage = forces.take(rows), q[rows] / best.usage[rows, None, None]
-    A, b = _program(np.zeros_like(usage), Q[rows], one, np.ones(len(rows)), best.z[rows])
-    column = np.concatenate([np.zeros((*usage.shape[:2], 1)), usage], axis=2)[:, one.rough[0]]
-    ends = A.shape[1] - 2 * q.shape[1]
-    A[:, :ends, 0] = column.reshape(len(rows), ends)
-    x, multipliers, best.status[rows] = batch.solve(A, b)
-    best.iterations[rows] += 1
-    usable = np.isfinite(x).all(axis=1) & (x[:, 0] < 0)
-    rows, x, multipliers = rows[usable], x[usable], multipliers[usable]
-    if not len(rows):
-        return proven
-    # Back from the scaled unknowns: the tangential part of z is multiplied by t, the normal part is not.
-    t, z = best.usage[rows] / -x[:, 0], x[:, 1:]
-    normal = np.einsum("szy,sy->sz", projection[rows], z)
-    x = np.concatenate([np.zeros((len(rows), 1)), normal + t[:, None] * (z - normal)], axis=1)
-    multipliers[:, ends:] *= t[:, None]  # of limits t times as large
-    q, Q, force_range = q[rows], Q[rows], forces.take(rows)
-    _improve(best, rows, q, Q, force_range, x, multipliers, t)
-    best.gap[rows] = np.inf  # not known before the conditions are checked
-    start = best.z[rows], best.usage[rows], best.pull[rows], best.normal_pull[rows]
-    proven[rows] = _polish(best, rows, q, Q, force_range, *start)
+    q, Q, forces, A, usage = q[rows], Q[rows], forces.take(rows), balances[rows], best.usage[rows]
+    # Limits, or without friction the distance from the lower end, are what the cones begin with.
+    slope = np.where(forces.rough, forces.slope, 1.0)
+    radius = np.where(forces.rough, forces.radius, -forces.lower)
+    fixed = np.einsum("snr,sn->sr", A[:, :, 0], forces.normal + radius / slope)
+    growing = np.einsum("snkr,snk->sr", A[:, :, 1:], q / usage[:, None, None])
+    n, k, r = A.shape[1:]
+    # A lower end above the apex of its cone is a cone of its own: the force's distance from it.
+    apart = forces.lower + radius / slope
+    ends = np.flatnonzero(np.any(np.abs(apart) > _ENDS, axis=0))
+    cones = np.zeros((len(A), n + len(ends), 3, r + len(ends)))
+    cones[:, :n, 0, :r], cones[:, :n, 1:k, :r] = A[:, :, 0] / slope[:, :, None], A[:, :, 1:]
+    new = np.arange(len(ends))
+    cones[:, ends, 0, r + new], cones[:, n + new, 0, r + new] = 1 / slope[:, ends], -1.0
+    fixed, growing = np.hstack([fixed, apart[:, ends]]), np.hstack([growing, 0 * apart[:, ends]])
+    s, x, y = largest_growth(cones, fixed, growing)
+    t, least, y = usage / s, usage / np.einsum("sr,sr->s", fixed, y), y[:, :r]
+    normal, tangential = (x[:, :n, 0] - radius) / slope, x[:, :n, 1:k] * t[:, None, None]
+    z = np.einsum("snz,sn->sz", forces.per_z, normal - forces.normal)
+    z += np.einsum("snkz,snk->sz", Q, tangential - q)
+    pull = -np.einsum("snkr,sr->snk", A, y / s[:, None])
+    pull[:, :, 0] *= t[:, None]
+    # What forces at z are beyond their limits, and the usage that this is worth: 0 but for rounding.
+    beyond = np.maximum(lengths(q + forces_of(Q, z)) - t[:, None] * forces.limits(z), 0.0)
+    gap = np.abs(t - least) + np.sum(lengths(pull[:, :, 1:]) * beyond, axis=1)
+    inside = np.all(normal <= forces.upper + _ENDS, axis=1)  # the cones do not know these ends
+    good = inside & (gap <= _CLOSED * np.maximum(1.0, t))
+    place = rows[good]
+    best.usage[place], best.z[place], best.gap[place] = t[good], z[good], gap[good]
+    best.pull[place], best.normal_pull[place] = pull[good, :, 1:], pull[good, :, 0]
+    best.status[place], proven[place] = "Solved", True
+    # The error of the multipliers is about the root of the gap; Newton steps make it that of rounding.
+    todo = np.flatnonzero(np.isfinite(s) & (exact | ~good))
+    if len(todo):
+        start = z[todo], t[todo], pull[todo, :, 1:], pull[todo, :, 0]
+        proven[rows[todo]] |= _polish(best, rows[todo], q[todo], Q[todo], forces.take(todo), *start)
+        best.status[rows[todo]] = "Solved"
     return proven
 
 

@@ -295,7 +295,10 @@ def _polished(
 def solve_each(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
     """Solutions (N, p) of the systems (N, p, p); NaN where one is singular or not finite."""
     usable = np.all(np.isfinite(matrix), axis=(1, 2))
-    usable[usable] = np.linalg.slogdet(matrix[usable])[0] != 0
     solution = np.full(rhs.shape, np.nan)
-    solution[usable] = np.linalg.solve(matrix[usable], rhs[usable, :, None])[:, :, 0]
+    try:
+        solution[usable] = np.linalg.solve(matrix[usable], rhs[usable, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:  # rarely
+        usable[usable] = np.linalg.slogdet(matrix[usable])[0] != 0
+        solution[usable] = np.linalg.solve(matrix[usable], rhs[usable, :, None])[:, :, 0]
     return solution

@@ -167,7 +167,7 @@ class Slip:
         if self._sets.held:
             WheelForces(self.support, self._sets).redistribute(work)
         elif self.redistribution == "full":
-            self._redistribute_where_it_decides(work, least, only_maximum)
+            self._redistribute_where_it_decides(work, least, only_maximum, derivatives)
         return self._result(work, derivatives)
 
     def half_spaces(self, GT: float) -> np.ndarray | None:
@@ -272,25 +272,27 @@ class Slip:
             for row, solved, status in zip(rows, optimum.solved, optimum.status, strict=True):
                 work.status[row] = "solved" if solved else f"not proved, an upper bound (Clarabel: {status})"
 
-    def _redistribute_where_it_decides(self, work: _Work, least: float, only_maximum: bool) -> None:
+    def _redistribute_where_it_decides(
+        self, work: _Work, least: float, only_maximum: bool, exact: bool
+    ) -> None:
         """In full, the states with the largest upper bounds first."""
         certified = work.gap <= GAP_TOLERANCE * np.maximum(1.0, work.ratio)
         bound = np.where(certified, work.ratio, np.inf)
         todo = np.flatnonzero((bound > max(least, ZERO_USAGE)) & work.states.persistent)
         if not only_maximum:
-            self._redistribute_full(work, todo)
+            self._redistribute_full(work, todo, exact)
             return
         moving = work.states.solved & ~work.states.persistent
         maximum = np.max((work.ratio + work.slide)[moving], initial=0.0)
         todo, count = todo[np.argsort(-bound[todo], kind="stable")], _FIRST
         while len(todo):
-            self._redistribute_full(work, np.sort(todo[:count]))
+            self._redistribute_full(work, np.sort(todo[:count]), exact)
             maximum = max(maximum, np.max(work.ratio[todo[:count]]))
             todo, count = todo[count:], 2 * count
             todo = todo[bound[todo] > _SHARE * min(maximum, 1.0)]
 
-    def _redistribute_full(self, work: _Work, todo: np.ndarray) -> None:
-        for rows, picked, basis, _ in self._free.groups(todo, work.carries, with_normals=True):
+    def _redistribute_full(self, work: _Work, todo: np.ndarray, exact: bool) -> None:
+        for rows, picked, basis, balances in self._free.groups(todo, work.carries, with_normals=True):
             picks, unit, Q = (rows[:, None], picked), work.scale[rows][:, None], basis[:, :, 1:]
             grip = self._sets.grip[picked]
             units = unit[:, :, None] * force_units(grip, basis.shape[2])
@@ -303,7 +305,7 @@ class Slip:
                 lower=np.maximum(limits.normal_min[picks] / unit, -LARGEST_SQUEEZE),
                 upper=np.minimum(limits.normal_max[picks] / unit, LARGEST_SQUEEZE),
             )
-            optimum = minimise_fraction(forces[:, :, 1:], Q, normals)
+            optimum = minimise_fraction(forces[:, :, 1:], Q, normals, balances, exact)
             new_normals, new_limits = normals.normals(optimum.z), normals.limits(optimum.z)
             tangential = forces[:, :, 1:] + forces_of(Q, optimum.z)
             work.forces[picks] = np.concatenate([new_normals[:, :, None], tangential], axis=2) * units
@@ -313,9 +315,10 @@ class Slip:
                 np.concatenate([optimum.normal_pull[:, :, None], optimum.pull], axis=2) / units
             )[known]
             loaded = new_limits > NEGLIGIBLE_LIMIT * np.max(new_limits, axis=1, keepdims=True)
-            work.usage[picks] = np.where(
-                loaded, lengths(tangential) / np.where(loaded, new_limits, 1.0), np.nan
-            )
+            used = lengths(tangential) / np.where(loaded, new_limits, 1.0)
+            # Forces on contacts with hardly any load are known to rounding of the larger ones.
+            used = np.where(known[:, None], np.minimum(used, optimum.usage[:, None]), used)
+            work.usage[picks] = np.where(loaded, used, np.nan)
             work.ratio[rows], work.gap[rows] = optimum.usage, optimum.gap
             squeezed = np.any(np.abs(new_normals) > 0.99 * LARGEST_SQUEEZE, axis=1)
             for i, row in enumerate(rows):
