@@ -10,7 +10,8 @@ arm are its momenta, and these can be had with real bodies. Two changes leave th
   has the axial momentum I omega_near + kappa I qdot = I ((1 - kappa) omega_near + kappa omega_far). So the
   near link gets (kappa - 1) I, the far one loses kappa I, about the axis; kappa may be negative.
 
-The minimum spin with which all bodies exist is a cone program. Mass, centre of mass, and momentum of the
+Bodies of a thin rod, a thin plate or a point need no rotors: they get a little thickness. Else the minimum
+spin with which all bodies exist is a cone program. Mass, centre of mass, and momentum of the
 whole are those of the model for every motion; the torque of a joint with a rotor is not: it also moves the
 rotor, which takes kappa (kappa - 1) I qddot more.
 """
@@ -84,6 +85,10 @@ def real_bodies(arm: ArmModel) -> ArmBodies:
         (float(mass), np.array(centre), np.array(inertia))
         for mass, centre, inertia in zip(bare.masses, bare.centres, bare.inertias, strict=True)
     ]
+    links = [
+        link if exists(link) or not _thin(link) else (*link[:2], link[2] + _LEAST * np.eye(3))
+        for link in links
+    ]
     if all(exists(link) for link in links):
         return ArmBodies(tuple(links), ())
     return _split(arm, links)
@@ -94,6 +99,14 @@ def exists(body: RigidBody) -> bool:
     mass, _, inertia = body
     values = np.linalg.eigvalsh(inertia)
     return mass > 0 and values[0] > 0 and values[2] <= (values[0] + values[1]) * (1 + _ROUNDED)
+
+
+def _thin(body: RigidBody) -> bool:
+    """Whether a body exists but for its thickness: its mass is on a point, a line or a plane."""
+    mass, _, inertia = body
+    values = np.linalg.eigvalsh(inertia)
+    size = _ROUNDED * values[2]
+    return mass > 0 and values[0] >= -size and values[2] <= values[0] + values[1] + size
 
 
 # A body by ten numbers in which everything is linear: the 4 x 4 matrix [[sum m r r', sum m r], [., m]] of its
@@ -133,18 +146,31 @@ def _along(axis: np.ndarray, origin: np.ndarray) -> list[np.ndarray]:
 
 
 def _split(arm: ArmModel, links: list[RigidBody]) -> ArmBodies:
-    """Solve for masses on axes and rotors; scaled by the arm's mass and a length of 0.1 m."""
+    """Masses on axes, and rotors only where these alone do not make bodies of the links.
+
+    A rotor loads its joint; one that is not needed changes what torques and springs feel.
+    """
+    drives = [(k, forward) for k in range(1, len(links)) if not arm.slides[k] for forward in (True, False)]
+    for some in ([], [(k, forward) for k, forward in drives if links[k][0]]):
+        if (bodies := _parted(arm, links, some)) is not None:
+            return bodies
+    raise InputError(
+        f"arm {arm.name}: link inertias are such as no bodies have, with or without rotors "
+        "behind gears: no model of it for a simulator"
+    )
+
+
+def _parted(arm: ArmModel, links: list[RigidBody], drives: list[tuple[int, bool]]) -> ArmBodies | None:
+    """Solve for masses on axes and rotors of drives; scaled by the arm's mass and a length of 0.1 m."""
     scale = np.outer(_SCALE, _SCALE) * float(arm.masses.sum())
     given = [_pseudo(link) / scale for link in links]
     lacking = [k for k, link in enumerate(links) if not link[0]]
     small = {k: _SMALL * given[k - 1][3, 3] for k in range(1, len(links))}
-    joints = [k for k in small if not arm.slides[k] and k not in lacking]
     columns: list[dict[int, np.ndarray]] = []
-    for k in joints:
+    for k in (k for k in small if not arm.slides[k] and not {k - 1, k} & {*lacking}):
         near, far = _along(*_axis(arm, k)), _along(_Z, np.zeros(3))
         columns += [{k - 1: -out, k: into} for out, into in zip(near, far, strict=True)]
     moved = len(columns)
-    drives = [(k, forward) for k in joints for forward in (True, False)]
     for k, forward in drives:
         axis, origin = _axis(arm, k)
         sign = 1 if forward else -1
@@ -157,10 +183,7 @@ def _split(arm: ArmModel, links: list[RigidBody]) -> ArmBodies:
         given[k - 1] = given[k - 1] - small[k] * _along(*_axis(arm, k))[0]
     result = _solved(given, lacking, columns, moved)
     if result is None:
-        raise InputError(
-            f"arm {arm.name}: link inertias are such as no bodies have, with or without rotors "
-            "behind gears: no model of it for a simulator"
-        )
+        return None
     for column, x in zip(columns, result, strict=True):
         for k, change in column.items():
             given[k] = given[k] + x * change
@@ -189,6 +212,8 @@ def _solved(
 ) -> np.ndarray | None:
     """Minimum spin with all matrices positive definite; a rotor turns 2 to 100 times as fast as its joint."""
     size = len(columns)
+    if not size:
+        return None
     rows, right, cones = [], [], []
     for k, given_row in enumerate(given):
         if k not in lacking:
@@ -204,7 +229,7 @@ def _solved(
         slow[j], slow[j + 1] = -1, 1
         fast[j], fast[j + 1] = 1, -_FASTEST + 1
         limits += [slow, fast]
-    rows.append(np.array(limits))
+    rows.append(np.reshape(limits, (len(limits), size)))
     right.append(np.zeros(len(limits)))
     cones.append(clarabel.NonnegativeConeT(len(limits)))
     damping = _DAMPING * np.eye(size)

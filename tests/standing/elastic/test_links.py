@@ -113,6 +113,22 @@ def test_a_joint_at_the_root_is_the_first_bending_mode(mass, load, within):
     assert sag == pytest.approx(first, rel=within)
 
 
+@pytest.mark.parametrize("hub", [0.0, 1e-5])
+@pytest.mark.parametrize("thick", [0.0, 1e-3])
+def test_points_and_thin_rods_bend_as_they_are(hub, thick):
+    """No rotor is invented for a link without thickness: the frequency is that of a pendulum by hand."""
+    robot, mass, load = bending(1.0, 3.0), 1.0, 3.0
+    along = mass * LENGTH**2 / 12
+    inertias = np.array([hub * np.eye(3), hub * np.eye(3), np.diag([thick, along, along])])
+    bare = robot.arm.with_payload(None)
+    arm = type(bare)(**{**vars(bare), "inertias": inertias})
+    robot = robot.varied(arm=arm.with_payload(Payload(load)))
+    about_root = mass * LENGTH**2 / 3 + load * LENGTH**2
+    modes = sorted(mode.least for mode in on_its_drives(robot, MOTION).modes)
+    sway_and_sag = np.sqrt(3 * EI / LENGTH / (about_root + np.array([hub, 0]))) / (2 * np.pi)
+    assert modes == pytest.approx(sway_and_sag, rel=1e-8)
+
+
 def test_the_file_of_the_docs_has_the_frequency_of_a_pendulum(tmp_path):
     page = (ROOT / "docs/how-to/elastic-joints.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"## Links that bend\n.*?```toml\n(.*?)```", page, flags=re.DOTALL)
