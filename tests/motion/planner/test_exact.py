@@ -5,7 +5,7 @@ import pytest
 
 from ocptip.motion.check import check_motion
 from ocptip.motion.objective import ENERGY_UNIT
-from ocptip.motion.planner.exact import FEASIBLE, SHARES, Refiner
+from ocptip.motion.planner.exact import FEASIBLE, MET, SHARES, Refiner
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import Limits
@@ -44,7 +44,7 @@ def test_its_motion_has_its_energy_and_its_order(task, refined):
     motion = refiner.motion(exact)
     assert task.robot.energy(motion) == pytest.approx(energy(exact), rel=1e-4)
     np.testing.assert_array_equal(motion.goal, task.goal)
-    x = refiner.formulation.polished(exact.order, exact.program.structure, exact.solution.x)
+    x = refiner.formulation.polished(exact.order, exact.program.structure, exact.solution.x, MET)
     times = exact.order.rows @ x
     boundaries = np.concatenate([joint.times for joint in motion.joints] + [motion.crossings])
     assert np.max(np.min(np.abs(times[:, None] - boundaries), axis=1)) < 1e-10
@@ -58,7 +58,7 @@ def test_limits_bind_and_hold_between_the_nodes(task, refined):
     assert max(use.values()) < 1.005
     assert max(use["GN"], use["GT"], worst["speed_ratio"].value) > 0.999
     for name in ("speed_ratio", "acceleration_ratio"):
-        assert worst[name].value <= 1 + 1e-9
+        assert worst[name].value <= 1 + 1e-5  # what meets is moved a little: the search slows down by as much
     assert worst["angle_margin_deg"].value > -1e-6
 
 

@@ -14,11 +14,12 @@ from ocptip.basics.errors import SolverError
 from ocptip.motion.check import check_motion
 from ocptip.motion.planner.attempt import Attempt, Clock
 from ocptip.motion.planner.event_order import order_of
-from ocptip.motion.planner.exact import Refiner
+from ocptip.motion.planner.exact import MET, Refiner
 from ocptip.motion.planner.one_start import SLOWED, Search
 from ocptip.motion.planner.random_start import random_change, random_start
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import WORKSHOP
+from tests.motion.planner.test_program import geared_task
 
 
 @pytest.fixture(scope="module")
@@ -130,3 +131,10 @@ def test_where_little_is_left_within_a_tolerance_a_slower_motion_is_begun_with()
     attempt = Search(replace(task, limits=replace(task.limits, tolerance=WORKSHOP))).run(1, 0)
     assert attempt.result.verified
     assert 350 < attempt.result.energy < 450
+
+
+def test_switching_times_that_nearly_meet_are_one():
+    """The interior-point method leaves up to 43 us between four pairs of them: no pieces of microseconds."""
+    attempt = Search(geared_task()).run(0, 1)
+    assert attempt.result.status == "verified"
+    assert np.min(np.diff(attempt.motion.event_times)) > MET

@@ -32,6 +32,7 @@ FEASIBLE = 1e-5
 PACES = 1.1 ** np.arange(15)  # how much slower a path is made
 ROUNDS, LATE_ROUNDS = 4, 6
 PUSH = 1e-4
+MET = 5e-5  # s: so far apart an interior-point method leaves switching times that meet in the optimum
 AT_EDGE, BEYOND = 1e-4, 1.01  # s: a program that ends so near to its regime's edge goes on so much beyond
 WORSE = 3e-3  # share of the cost by which some more rows may well raise it
 
@@ -217,6 +218,6 @@ class Refiner:
         return chosen
 
     def motion(self, exact: Exact) -> Trajectory:
-        """The motion of an exact solution."""
-        x = self.formulation.polished(exact.order, exact.program.structure, exact.solution.x)
+        """The motion of an exact solution; switching times that it leaves nearer than `MET` are one."""
+        x = self.formulation.polished(exact.order, exact.program.structure, exact.solution.x, MET)
         return self.formulation.motion(x)

@@ -156,23 +156,25 @@ class Formulation:
         x[layout.end] *= factor
         return x
 
-    def polished(self, order: EventOrder, structure: Structure, x: np.ndarray) -> np.ndarray:
+    def polished(
+        self, order: EventOrder, structure: Structure, x: np.ndarray, meet: float = MEET
+    ) -> np.ndarray:
         """x moved a little (least squares) so that all equalities hold to rounding, order rows that bind too.
 
         Ipopt leaves errors of about 1e-8 s, in which simultaneous switching times would follow one another.
+        Order rows bind that are below `meet`, s.
         """
-        count = len(structure.lower)
         equal = structure.lower == structure.upper
-        x = np.clip(x, structure.x_lower, structure.x_upper)
-        for edge in (structure.x_lower, structure.x_upper):
-            x = np.where(np.abs(x - edge) < 1e-6, edge, x)
-        binding = equal.copy()
-        first = count - len(order.steps)
-        binding[first:] |= structure.rows(x)[0][first:] < MEET
-        for chosen in (binding, equal):  # order rows that cannot all be met are left as they are
-            if (moved := self._newton(chosen, structure, x)) is not None:
-                return moved
-        return x
+        first = len(equal) - len(order.steps)
+        for within in (meet, MEET, 0.0):  # what cannot all be met is left as it is
+            moved = np.clip(x, structure.x_lower, structure.x_upper)
+            for edge in (structure.x_lower, structure.x_upper):
+                moved = np.where(np.abs(moved - edge) <= max(within, MEET), edge, moved)
+            binding = equal.copy()
+            binding[first:] |= structure.rows(moved)[0][first:] < within
+            if (solved := self._newton(binding, structure, moved)) is not None:
+                return solved
+        return moved
 
     @staticmethod
     def _newton(chosen: np.ndarray, structure: Structure, x: np.ndarray) -> np.ndarray | None:

@@ -324,7 +324,10 @@ class Search:
             return None, x, f"no motion: {missing}"
         if (cost := best.cost * self.task.objective.size) > most:
             return None, x, f"no motion: costs {cost:.4g}, others less"
-        return self._checked(refiner, best, clock), x, ""
+        try:
+            return self._checked(refiner, best, clock), x, ""
+        except (InputError, SolverError) as error:  # the program was left so early that no motion is near x
+            return None, x, f"no motion: {error}"
 
     def _ordered(self, refiner: Refiner, x: np.ndarray, clock: Clock) -> Exact:
         """The exact solution near x.
