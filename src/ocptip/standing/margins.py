@@ -11,8 +11,8 @@ from ocptip.basics.text import percent, quantity
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.reserves.equal_compliance import reported_slip
+from ocptip.reserves.feet_on_plane import feet_on_plane
 from ocptip.reserves.force_sets import ForceSets
-from ocptip.reserves.four_feet import four_feet
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 
@@ -62,8 +62,10 @@ class Margins:
 
     @classmethod
     def under(cls, wrenches: np.ndarray, tip_over: TipOver, slip: Slip) -> Margins:
-        """Under wrenches (N, 6) on a base, N and N m; of four feet on a plane without a contact solver."""
-        feet = four_feet(tip_over.support) if slip.redistribution == "full" else None
+        """Under wrenches (N, 6) on a base, N and N m; of feet on a plane without a contact solver."""
+        feet = feet_on_plane(tip_over.support)
+        if feet is not None and not feet.unique and slip.redistribution != "full":
+            feet = None
         if feet is None or tip_over.affine_moments is None or tip_over.reference_moment is None:
             return cls.of(solve_resting(tip_over.support, wrenches), tip_over, slip)
         slope, offset = tip_over.affine_moments
@@ -84,7 +86,7 @@ class Margins:
             normal_forces=shared.normal_forces,
             min_foot_force=np.min(shared.normal_forces, axis=1),
             friction_used=shared.friction_used,
-            note=_EQUAL,
+            note="" if feet.unique else _EQUAL,
         )
         if not holds.all():
             left = np.flatnonzero(~holds)
