@@ -64,8 +64,10 @@ def test_states_are_in_their_boxes(delay):
     late = Late(motion_data(motion), delay, 0.0)
     cancelled = Cancelled(motion_data(motion), RATES, late)
     boxes, times = cancelled.whole(), np.array(motion_data(motion)["times"])
-    for _ in range(6):
-        boxes = boxes.halves(rng.random(len(boxes.piece)) < 0.5)
+    for number in range(10):
+        several = 2 + (motion.n if delay and number > 3 else 0)  # also in the delays of joints
+        boxes = boxes.halves(rng.integers(0, several, len(boxes.piece)))
+        boxes = boxes.some(rng.permutation(len(boxes.piece))[:400])
     boxes = boxes.some(rng.permutation(len(boxes.piece))[:80])
     boxes = boxes.some(~cancelled.rested(boxes))
     assert len(boxes.piece) > 50
@@ -73,8 +75,9 @@ def test_states_are_in_their_boxes(delay):
         for row, k in enumerate(rows.number):
             s, e = rng.uniform(-1, 1), rng.choice([-1, 1, rng.uniform(-1, 1)], motion.n if delay else 1)
             begin, end = times[boxes.piece[k]]
-            u = 0.5 * (boxes.start[k] + boxes.end[k]) + 0.5 * (boxes.end[k] - boxes.start[k]) * s
-            first, last = boxes.first[k] - late.delay, boxes.last[k]
+            left, right = boxes.low[k], boxes.high[k]
+            u = 0.5 * (left[0] + right[0]) + 0.5 * (right[0] - left[0]) * s
+            first, last = left[1] - late.delay * right[2:], right[1] - late.delay * left[2:]
             own = 0.5 * (first + last) + 0.5 * (last - first) * np.broadcast_to(e, motion.n)
             state = _state(motion, 0.5 * (begin + end) + 0.5 * (end - begin) * u, own)
             for form, values in zip((rows.q, rows.qd, rows.qdd), state, strict=True):
@@ -96,7 +99,7 @@ def test_accelerations_before_a_step_are_in_boxes_until_the_delay_after_it():
     (begin, end), piece, t, left = times[piece[inside]].T, piece[inside], t[inside], left[inside]
     at = [2 * (t + wide - begin) / (end - begin) - 1 for wide in (-1e-4, 1e-4)]
     at = [np.clip(u, -1, 1) for u in at]
-    boxes = Boxes(piece, *at, np.full(len(t), first), np.full(len(t), last))
+    boxes = Boxes.of(piece, at, (np.full(len(t), first), np.full(len(t), last)), motion.n)
     for rows in cancelled.rows(boxes):
         for row, k in enumerate(rows.number):
             states = _state(motion, t[k], np.full(motion.n, last - delay + rng.uniform(0, left[k] - 2e-4)))
@@ -105,18 +108,25 @@ def test_accelerations_before_a_step_are_in_boxes_until_the_delay_after_it():
                 assert np.all((low - 1e-9 <= values) & (values <= high + 1e-9))
 
 
-def test_steps_of_the_motion_that_overshoot_are_in_their_boxes():
-    """Draws of the attack, in small boxes about their times: of the motion, of cancels, and of rests."""
+@pytest.mark.parametrize("divided", [False, True])
+def test_steps_of_the_motion_that_overshoot_are_in_their_boxes(divided):
+    """Draws of the attack, in small boxes about their times: of the motion, of cancels, and of rests. Where
+    delays are divided, also about when each joint is there.
+    """
     rng, (_, motion) = np.random.default_rng(5), _swing("B")
     data = {"motion": motion_data(motion), "model": {"decelerations_on_cancel": RATES.tolist()}}
     tolerance = {"delay": 0.02, "speed": 0.0, "overshoot": 0.85}
     joints, times = worlds.LateJoints(data["motion"], tolerance), np.array(data["motion"]["times"])
     drawn = [claims._cancelled(data, joints, rng) for _ in range(400)]
-    piece, t, after = map(np.array, zip(*(when for when, _ in drawn), strict=True))
+    piece, t, after, whens = map(np.array, zip(*(when for when, _ in drawn), strict=True))
     begin, end = times[piece].T
     u, wide = 2 * (t - begin) / (end - begin) - 1, rng.uniform(1e-6, 1e-2, (4, len(t)))
     first, last = np.maximum(after - wide[2], 0.0), after + wide[3]
-    boxes = Boxes(piece, np.maximum(u - wide[0], -1.0), np.minimum(u + wide[1], 1.0), first, last)
+    near = np.maximum(u - wide[0], -1.0), np.minimum(u + wide[1], 1.0)
+    boxes = Boxes.of(piece, near, (first, last), motion.n)
+    if divided:
+        lag, off = (after[:, None] - whens) / 0.02, rng.choice([1e-4, 0.3], (2, *whens.shape))
+        boxes.low[:, 2:], boxes.high[:, 2:] = np.maximum(lag - off[0], 0.0), np.minimum(lag + off[1], 1.0)
     cancelled, seen = Cancelled(data["motion"], RATES, Late(data["motion"], 0.02, 0.85)), 0
     boxes_of_rest = cancelled.rested(boxes)
     for rows in cancelled.rows(boxes):
@@ -162,6 +172,9 @@ def test_a_cancel_by_hand():
         {"trees": ["t.", ".", ".", "."]},
         {"trees": ["x", ".", ".", "."]},
         {"trees": ["t..", ".", ".", "."]},
+        {"trees": ["A..", ".", ".", "."]},
+        {"trees": ["A.", ".", ".", "."]},
+        {"trees": ["B..", ".", ".", "."]},
         {"trees": "...."},
         {"trees": [["."]] * 4},
         {"trees": None},

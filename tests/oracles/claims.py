@@ -46,7 +46,7 @@ def falsehood(data, rng, samples):
             if asked is not None and (found := _gaps(model, asked, state[0], rng)):
                 return f"{found} with late joints at {late}"
             if "decelerations_on_cancel" in model:
-                (_, t, _), stopped = _cancelled(data, joints, rng)
+                (_, t, _, _), stopped = _cancelled(data, joints, rng)
                 wrench = _numbers(worlds.loads(_acting(model, t), world, stopped))[1]
                 asked = (bounds[f"{key}_cancel_worst_case"] for key in ("GN", "GT"))
                 if found := _contacts(model, wrench, *asked, weak):
@@ -148,8 +148,8 @@ def _gaps(model, asked, q, rng):
 
 
 def _cancelled(data, joints, rng):
-    """Where a motion is cancelled (piece, s), how long after that it is, s, and coordinates, speeds and
-    accelerations (3, n).
+    """Where a motion is cancelled (piece, s), how long after that it is, s, and when joints are there, (n,),
+    s; and coordinates, speeds and accelerations (3, n).
 
     Every joint is at a time of its own, by up to the delay earlier: in the motion, decelerating or at rest;
     or just after a step of its acceleration, with overshoot of that and of steps less than the delay before.
@@ -161,7 +161,7 @@ def _cancelled(data, joints, rng):
     begun = np.array([joints._at(piece, t, j) for j in range(joints.n)]).T
     rests = np.abs(begun[1]) / rates * (np.abs(begun[1]) > 1e-6)
     longest = joints.delay + np.max(rests) * (rng.random() < 0.7)  # else joints may be in the motion
-    after, state = rng.uniform(0.0, longest), np.empty((3, joints.n))
+    after, state, whens = rng.uniform(0.0, longest), np.empty((3, joints.n)), np.empty(joints.n)
     for j, (q, v, acting) in enumerate(begun.T):
         slower = -np.sign(v) * rates[j] * (rests[j] > 0)
         low = after - joints.delay
@@ -174,6 +174,7 @@ def _cancelled(data, joints, rng):
             first = int(rng.integers(last + 1))
             when, exceeded = steps[last][0], joints.more * sum(step for _, step in steps[first : last + 1])
             exceeded *= int(rng.integers(2))
+            whens[j] = when
             if last < len(earlier):
                 state[:, j] = joints._at(earlier[last] + 1, t + when, j)
                 state[2, j] += exceeded
@@ -181,6 +182,7 @@ def _cancelled(data, joints, rng):
             more = (slower if when == 0.0 and rests[j] > 0 else 0.0) + exceeded
         else:
             when, more = after - rng.uniform(0, joints.delay), None
+        whens[j] = when
         if when < 0:
             earlier = int(np.clip(np.searchsorted(joints.events, t + when), 0, piece))
             state[:, j] = joints._at(earlier, max(t + when, 0.0), j)
@@ -188,7 +190,7 @@ def _cancelled(data, joints, rng):
         own = min(when, rests[j])
         state[:, j] = q + v * own + slower * own**2 / 2, v + slower * own, slower * (when < rests[j])
         state[2, j] = state[2, j] if more is None else more
-    return (piece, t, after), state
+    return (piece, t, after, whens), state
 
 
 def _outside(model, margin, q):

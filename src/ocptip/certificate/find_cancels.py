@@ -14,7 +14,7 @@ import numpy as np
 from ocptip.certificate.claimed import limit_within
 from ocptip.certificate.find_within import HIGHEST, CheckedRows, SearchedClaims, SearchWithin
 from ocptip.certificate.result import CANCELS
-from ocptip.certificate.trusted.cancelled import Boxes, Cancelled
+from ocptip.certificate.trusted.cancelled import SPLITS, Boxes, Cancelled
 from ocptip.certificate.trusted.checker import (
     ANGLE_MARGIN_CANCEL,
     COVERS_OF_CANCELS,
@@ -22,7 +22,10 @@ from ocptip.certificate.trusted.checker import (
     WITHIN_CANCEL,
 )
 from ocptip.certificate.trusted.described import ANGLE, Intervals, angle_margins, limits_of
+from ocptip.certificate.trusted.forms import K
+from ocptip.certificate.trusted.late import Rows
 from ocptip.certificate.trusted.plain import DECELERATIONS, NOTHING
+from ocptip.certificate.trusted.terms import Terms
 from ocptip.standing.arm import Robot
 from ocptip.standing.footing import Footing
 from ocptip.standing.limit_kinds.limit import Worst
@@ -121,14 +124,16 @@ class SearchCancels:
     def claims(self) -> SearchedClaims:
         """The bounds, by the names of those within a tolerance, and the cover; or what is short."""
         boxes, places = self._first()
-        done, total, angle = _Proved(), 0, np.inf
+        done, total, tried, angle = _Proved(), 0, 0, np.inf
         while len(places):
             holds, margins = np.zeros(len(places), dtype=bool), np.zeros(len(places))
+            sizes = self._sizes(boxes)
             for begin in range(0, len(places), _AT_ONCE):
                 for rows in self._cancelled.rows(boxes.some(slice(begin, begin + _AT_ONCE))):
                     part, here = self._search.checked(rows), begin + rows.number
                     good = self._good(part)
                     holds[here], margins[here] = good, part.moments
+                    sizes[here, 2:] *= self._relevance(rows, part.terms)
                     done.forces += list(np.moveaxis(part.forces[..., good], -1, 0))
                     done.weights += list(np.moveaxis(part.weights[..., good], -1, 0))
                     done.places += [places[k] for k in here[good]]
@@ -137,13 +142,15 @@ class SearchCancels:
                     angle = min(angle, float(np.min(inside, initial=np.inf)))
             total += len(places)
             left = np.flatnonzero(~holds)
-            worst = left[np.argsort(margins[left])[:1]]
-            lost, by = self._lost(boxes.some(worst), margins[worst])
+            worst = left[np.argsort(margins[left])[: int(len(left) > 2 * tried)]]  # else it was tried
+            tried = len(left) if len(worst) else tried
+            lost, by = self._lost(boxes.some(worst), sizes[worst], margins[worst])
             if len(lost.piece):
                 return SearchedClaims({}, {}, self._short(lost, by))
             if total + 2 * len(left) > _MOST:
                 return SearchedClaims({}, {}, self._short(boxes.some(left), margins[left]))
-            boxes, places = self._halved(boxes.some(left), [places[k] for k in left])
+            which = np.argmax(sizes[left], axis=1)
+            boxes, places = self._halved(boxes.some(left), [places[k] for k in left], which)
         unit, bounds = self._contacts.unit, dict(self._search.goals)
         if self._contacts.flat:
             value = unit / (unit + done.least) if done.least > 0 else HIGHEST
@@ -159,33 +166,35 @@ class SearchCancels:
             good[rows] = self._search.sharing.held(*some, self._search.goals[SLIP_WITHIN]) >= 0
         return good
 
-    def _lost(self, boxes: Boxes, margins: np.ndarray) -> tuple[Boxes, np.ndarray]:
+    def _lost(self, boxes: Boxes, sizes: np.ndarray, margins: np.ndarray) -> tuple[Boxes, np.ndarray]:
         """A tiny box in one that is not proved, if there is one, and its smallest moment, N m: of halves of
-        halves only the worst is divided.
+        halves only the worst is divided. Where a moment is too small, friction is not checked again.
         """
-        while len(boxes.piece) and np.min(np.max(self._widths(boxes), axis=0)) > _SHORTEST:
-            times, after = self._widths(boxes)
-            halves = self._without_rest(boxes.halves(after > times), [])[0]
-            if not len(halves.piece):
-                return halves, margins[:0]
-            margins = np.full(len(halves.piece), np.inf)
-            for rows in self._cancelled.rows(halves):
-                part = self._search.checked(rows)
-                margins[rows.number] = np.where(self._good(part), np.inf, np.minimum(part.moments, _LARGE))
-            worst = int(np.argmin(margins))
-            here = slice(worst, worst + int(np.isfinite(margins[worst])))
-            boxes, margins = halves.some(here), margins[here]
+        tips = bool(np.any(margins < self._contacts.needed))
+        while len(boxes.piece) and np.max(sizes) > _SHORTEST:
+            halves = self._without_rest(boxes.halves(np.argmax(sizes, axis=1)), [])[0]
+            margins, sizes = np.full(len(halves.piece), np.inf), self._sizes(halves)
+            for rows in self._cancelled.rows(halves) if len(halves.piece) else ():
+                terms = self._search.sharing.terms(rows)
+                moments = self._search.sharing.moments(terms)
+                good = moments >= self._contacts.needed if tips else self._good(self._search.checked(rows))
+                margins[rows.number] = np.where(good, np.inf, np.minimum(moments, _LARGE))
+                sizes[rows.number, 2:] *= self._relevance(rows, terms)
+            worst = np.argsort(margins)[: int(np.any(np.isfinite(margins)))]
+            boxes, sizes, margins = halves.some(worst), sizes[worst], margins[worst]
         return boxes, margins
 
     def _first(self) -> tuple[Boxes, list[tuple[int, str]]]:
         boxes = self._cancelled.whole()
         places = [(k, "") for k in range(len(boxes.piece))]
         while True:
-            long = np.max(self._widths(boxes), axis=0) > _LONGEST
+            sizes = self._sizes(boxes)[:, :2]
+            long = np.max(sizes, axis=1) > _LONGEST
             if not np.any(long):
                 return self._without_rest(boxes, places)
             rest = np.flatnonzero(~long)
-            more, others = self._halved(boxes.some(long), [places[k] for k in np.flatnonzero(long)])
+            which, long_places = np.argmax(sizes[long], axis=1), [places[k] for k in np.flatnonzero(long)]
+            more, others = self._halved(boxes.some(long), long_places, which)
             pairs = zip(vars(boxes.some(rest)).values(), vars(more).values(), strict=True)
             boxes, places = Boxes(*map(np.concatenate, pairs)), [*(places[k] for k in rest), *others]
 
@@ -195,23 +204,37 @@ class SearchCancels:
         going = np.flatnonzero(~self._cancelled.rested(boxes))
         return boxes.some(going), [places[k] for k in going if places]
 
-    def _widths(self, boxes: Boxes) -> tuple[np.ndarray, np.ndarray]:
-        """(B,) s: of t, and of the time after it."""
+    def _sizes(self, boxes: Boxes) -> np.ndarray:
+        """(B, 2 + n) s: of t, of the time after it, and of delays as far as these may be divided."""
         begin, end = np.array(self._motion["times"])[boxes.piece].T
-        return 0.5 * (end - begin) * (boxes.end - boxes.start), boxes.last - boxes.first
+        sizes = boxes.high - boxes.low
+        sizes[:, 0] *= 0.5 * (end - begin)
+        sizes[:, 2:] *= self._search.sharing.late.delay
+        sizes[:, len(SPLITS) :] = 0.0
+        return sizes
 
-    def _halved(self, boxes: Boxes, places: list[tuple[int, str]]) -> tuple[Boxes, list[tuple[int, str]]]:
-        times, after = self._widths(boxes)
-        late = after > times
-        self._splits |= {
-            place: "a" if begins_late else "t" for place, begins_late in zip(places, late, strict=True)
-        }
+    def _relevance(self, rows: Rows, terms: Terms) -> np.ndarray:
+        """(R, n): how much of the moments comes from what delays of joints may do, 1 of the most."""
+        n, m = len(rows.q.r), terms.numbers
+        if m < n:  # no joint is delayed
+            return np.zeros((len(rows.number), n))
+        wrenches = np.einsum(
+            "t,ktir->kir", 0.5 * (terms.low + terms.high), terms.needed(terms.parts.c[K : K + m])
+        )
+        tips = np.max(np.abs(np.einsum("ai,kir->akr", self._contacts.axes, wrenches)), axis=0)
+        of_joint = tips[:n] + np.einsum("kr,kjr->jr", tips[n:], rows.qdd.c[K + n : K + m] != 0)
+        return (of_joint / np.maximum(np.max(of_joint, axis=0), 1e-300)).T
+
+    def _halved(
+        self, boxes: Boxes, places: list[tuple[int, str]], which: np.ndarray
+    ) -> tuple[Boxes, list[tuple[int, str]]]:
+        self._splits |= {place: SPLITS[k] for place, k in zip(places, which.tolist(), strict=True)}
         halves = [(root, way + side) for side in "01" for root, way in places]
-        return self._without_rest(boxes.halves(late), halves)
+        return self._without_rest(boxes.halves(which), halves)
 
     def _short(self, boxes: Boxes, margins: np.ndarray) -> list[tuple[float, float, str, float]]:
         """The times of cancels that are not proved, with the smallest moments, N m."""
-        times, contacts = Intervals(self._motion, boxes.piece, boxes.start, boxes.end).ends, self._contacts
+        times, contacts = Intervals(self._motion, boxes.piece, *boxes.ends).ends, self._contacts
         lacking = np.clip((contacts.needed - margins) / contacts.unit, 0.0, _LARGE)
         rows = np.vstack([times, lacking]).T.tolist()
         return [(start, end, CANCELS, by) for start, end, by in rows]
