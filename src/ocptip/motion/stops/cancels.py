@@ -306,7 +306,8 @@ def _levels(
             worst = worst_of_cancels(of_contacts, motion, scaled, times)
             for name, instant in () if broken or way else zip(WITHIN_OF, worst, strict=True):
                 known = {} if instant is None else {footing.result(name): instant}
-                if broken := [*broken_within(known, limits)]:
+                every = broken_within(known, limits)
+                if broken := [replace(one, detail=" within the uncertainty") for one in every]:
                     break  # slip need not be evaluated
         broken += broken_drives(times, stops)  # after the contacts: their loss is the worse one
         return CancelLevel(
