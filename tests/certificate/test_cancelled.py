@@ -17,12 +17,15 @@ from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.tolerance import Uncertainty
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.trajectory import Trajectory
 from tests.certificate.test_find import _nod, _swing
 from tests.certificate.test_hostile import _judged, _weights, _within
 
 pytest.importorskip("flint")
 from tests.oracles import claims
 from tests.oracles import world_in_balls as worlds
+from tests.places import EXAMPLES
 
 RATES = np.array([3.0, 4.5, 6.0, 7.5, 9.0, 4.5])
 
@@ -244,11 +247,14 @@ def test_cancels_are_proved_close_to_their_sampled_worst_values(nodding):
 
 def test_no_drawn_cancel_is_worse_than_proved(nodding):
     """Wrenches by ball arithmetic, contact forces by a linear program."""
-    robot, _, _, found = nodding
+    _attacked(nodding[0], nodding[3], 40)
+
+
+def _attacked(robot, found, count):
     rng, model, tolerance = np.random.default_rng(2), found.data["model"], found.data["tolerance"]
     bounds, joints = found.data["bounds"], worlds.LateJoints(found.data["motion"], tolerance)
     asked = bounds["GN_cancel_worst_case"], bounds["GT_cancel_worst_case"]
-    for _ in range(40):
+    for _ in range(count):
         _, state = claims._cancelled(found.data, joints, rng)
         world = worlds.random_world(model, tolerance, rng, ends=0.8)
         wrench = claims._numbers(worlds.loads(model, world, state))[1]
@@ -268,3 +274,28 @@ def test_cancels_that_are_too_hard_are_not_proved(nodding):
     nominal, within = (str(Undecided(*one)) for one in other.short)
     assert nominal.startswith("contacts when cancelled")
     assert within.startswith("contacts when cancelled within the uncertainty")
+
+
+@pytest.mark.slow
+def test_delays_of_joints_are_divided_where_times_are_not_enough():
+    """A UR5 on its cart, joints in step: only what the first joint does at its step, which the others do not
+    share, lets the proof reach a motion whose samples have GN 0.958.
+    """
+    task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
+    robot, rates = task.robot, task.robot.limits.acceleration
+    limits = replace(task.limits, cancel=Cancel(tuple((0.15 * rates).tolist())))
+    motion = Trajectory.ending_together(task.start, task.goal, [None] * 6, robot.limits.speed, rates)
+    motion = motion.time_scaled(1.2421512 / motion.end)
+    checked = check_motion(robot, motion, limits)
+    assert 0.95 < checked.worst["GN_cancel_worst_case"].value < 0.97
+    found = certify(robot, motion, limits, checked.worst)
+    assert found.cancels
+    trees = "".join(found.data["cover_cancel_within"]["trees"])
+    assert "A" in trees  # delays of the first joint
+    assert check_certificate(found.data).holds
+    _attacked(robot, found, 60)
+    whole = [
+        "." if set(tree) & set("ABCDEF") else tree for tree in found.data["cover_cancel_within"]["trees"]
+    ]
+    other = found.data | {"cover_cancel_within": found.data["cover_cancel_within"] | {"trees": whole}}
+    assert not check_certificate(other).holds
