@@ -153,7 +153,7 @@ def test_sample_arm_of_pinocchio_with_armature():
     ("change", "message"),
     [
         ({"base_link": "kart"}, "base_link: no 'kart'; candidates: cart, torso, .*; did you mean 'cart'"),
-        ({"tool_frame": "tcp"}, "tool_frame: no 'tcp'; candidates: head, finger, tool"),
+        ({"tool_frame": "tcp"}, "tool_frame: no 'tcp'; candidates: head, hand, tool"),
         ({"base_link": "hand", "tool_frame": "head"}, "'head' is not behind base_link 'hand'"),
         ({"base_link": "hand"}, "no free joint between 'hand' and 'tool'"),
         (
@@ -289,7 +289,7 @@ def test_names_may_be_left_out_where_there_is_no_choice(service_robot):
     np.testing.assert_array_equal(model.offsets, named.offsets)
     assert model.notes[0] == "base_link 'cart' and tool_frame 'tool', not given in the file"
     service_robot.write_text(SERVICE_ROBOT.replace('"tool"', '"tip"'), encoding="utf-8")
-    with pytest.raises(InputError, match=r"tool_frame: is missing, candidates: head, finger, tip$"):
+    with pytest.raises(InputError, match=r"tool_frame: is missing, candidates: hand, head, tip$"):
         arm_from_urdf(service_robot)
     service_robot.write_text(
         SERVICE_ROBOT.replace('"tool"', '"left_tcp"').replace('"finger"', '"right_tcp"'), encoding="utf-8"
@@ -376,3 +376,19 @@ def test_two_arms_are_no_hand(tmp_path):
     more = joint.format("h", "revolute", "one", "other") + joint.format("i", "revolute", "other", "palm")
     file = read_urdf(with_a_hand(tmp_path, more, ["other", "palm"]))
     assert file.tips("base") == ["hand", "palm"]
+
+
+@pytest.mark.parametrize(
+    ("name", "tool"), [("gripper", "palm"), ("wrist_roll_of_gripper", "jaw"), ("f", "jaw")]
+)
+def test_the_link_that_carries_a_single_jaw_is_the_tool(tmp_path, name, tool):
+    """As on the SO-100 and the Unitree Z1."""
+    links = ["base", "one", "two", "palm", "jaw"]
+    joints = "".join(
+        f'<joint name="{joint}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        '<limit lower="-1" upper="1" effort="9" velocity="1"/></joint>'
+        for joint, parent, child in zip(["a", "b", "c", name], links[:-1], links[1:], strict=True)
+    )
+    path = tmp_path / "jaw.urdf"
+    path.write_text(f'<robot name="r">{"".join(f"""<link name="{k}"/>""" for k in links)}{joints}</robot>')
+    assert read_urdf(path).tool_frame(None, "base") == tool

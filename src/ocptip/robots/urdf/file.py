@@ -35,6 +35,9 @@ _LISTED = 8  # candidates, at most
 
 _FILENAME = re.compile(r"""(\bfilename\s*=\s*)(["'])(.*?)\2""", re.DOTALL)
 _HAND = 1.5
+_JAW, _NO_JAW = (
+    re.compile(words, re.IGNORECASE) for words in ("grip|jaw|finger|claw", "wrist|rot|roll|yaw|pitch")
+)
 
 
 def like_tools(links: Iterable[str]) -> list[str]:
@@ -145,7 +148,8 @@ class UrdfFile:
         """The ends behind `base`; of the fingers of a hand instead the link that carries them.
 
         A hand is a link behind which joints move in several chains, with at least `_HAND` times as many
-        moving joints before it as behind it. What is fixed to it stays a tip.
+        moving joints before it as behind it; so is the link that carries a single jaw, a last joint that is
+        named like one. What is fixed to a hand stays a tip.
         """
         ends, forks = self.ends(base), Counter[str]()
         after: dict[str, int] = {}
@@ -167,7 +171,9 @@ class UrdfFile:
                 if forks[joint.child] > 1 and before >= _HAND * after[joint.child] and before < total:
                     hand = joint.child
                     break
-            results.append(hand)
+            jaw = next(joint for joint in reversed(way) if joint.kind != "fixed")
+            alone = hand == end and total > 1 + _HAND and _JAW.search(jaw.name)
+            results.append(jaw.parent if alone and not _NO_JAW.search(jaw.name) else hand)
         return list(dict.fromkeys(results))
 
     def _moves(self, base: str, link: str) -> bool:
