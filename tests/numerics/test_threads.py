@@ -18,6 +18,7 @@ SCRIPT = """
 import importlib, sys
 import numpy as np
 from threadpoolctl import threadpool_info
+from ocptip.certificate.checks import certified
 from ocptip.motion.check import check_motion
 from ocptip.placement.scan import scan
 from ocptip.published.tasks import experiment_task
@@ -36,7 +37,7 @@ def watch(module, name):
         return inner(*arguments, **named)
     setattr(module, name, outer)
 
-watch("ocptip.motion.check", "_evaluate")
+watch("ocptip.motion.check", "evaluate_limits")
 watch("ocptip.certificate.find", "_missing")
 watch("ocptip.placement.scan", "worst")
 task, limits, before = experiment_task("A"), Limits(GN=1.0, GT=1.0), threads()
@@ -44,7 +45,7 @@ checked = check_motion(task.robot, task.reference, limits)
 assert certified(task.robot, task.reference, checked, limits).certificate is not None
 problem = load_placement("src/ocptip/examples/tasks/place_incline.toml").problem
 scan(problem, np.zeros((1, problem.terrain[0].size)))
-assert {name for name, _ in seen} == {"_evaluate", "_missing", "worst"}, seen
+assert {name for name, _ in seen} == {"evaluate_limits", "_missing", "worst"}, seen
 assert all(set(own) == {1} for _, own in seen), seen
 assert threads() == before and len(before) > 0, (before, threads())
 """
