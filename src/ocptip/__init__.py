@@ -24,41 +24,46 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ocptip.api.certify import Certified, certify
-    from ocptip.api.chart import chart
-    from ocptip.api.check import Check, check
-    from ocptip.api.compare import compare
-    from ocptip.api.drive import drive
-    from ocptip.api.export import export
-    from ocptip.api.identify import identify
-    from ocptip.api.place import place
-    from ocptip.api.plan import NoPlanError, plan
-    from ocptip.api.rate import rate, rate_along, rate_workspace
-    from ocptip.api.report import report
-    from ocptip.api.results.plan import Plan
-    from ocptip.api.retime import RetimedPlan, retime
-    from ocptip.api.simulate import simulate
-    from ocptip.api.stand import stand
-    from ocptip.api.studio import studio
-    from ocptip.api.tasks import load_task
-    from ocptip.api.view import view
-    from ocptip.basics.errors import InputError, OcptipError
-    from ocptip.contact import (
-        Load,
-        Support,
-        UnilateralContact,
-        solve,
-        solve_many,
-        stability,
-    )
-    from ocptip.robots.base_motion import BaseMotion
-    from ocptip.standing.arm import Robot
-    from ocptip.standing.limits import Limits
-    from ocptip.standing.objects import Object
-    from ocptip.standing.tolerance import Uncertainty
-    from ocptip.task_files.scene import read_scene
-    from ocptip.trajectories.drive_profile import load_drive_profile
-    from ocptip.trajectories.trajectory import Trajectory
+    from ocptip.api.certify import Certified as Certified
+    from ocptip.api.certify import certify as certify
+    from ocptip.api.chart import chart as chart
+    from ocptip.api.check import Check as Check
+    from ocptip.api.check import check as check
+    from ocptip.api.compare import compare as compare
+    from ocptip.api.drive import drive as drive
+    from ocptip.api.export import export as export
+    from ocptip.api.identify import identify as identify
+    from ocptip.api.place import place as place
+    from ocptip.api.plan import NoPlanError as NoPlanError
+    from ocptip.api.plan import plan as plan
+    from ocptip.api.rate import rate as rate
+    from ocptip.api.rate import rate_along as rate_along
+    from ocptip.api.rate import rate_workspace as rate_workspace
+    from ocptip.api.report import report as report
+    from ocptip.api.results.plan import Plan as Plan
+    from ocptip.api.retime import RetimedPlan as RetimedPlan
+    from ocptip.api.retime import retime as retime
+    from ocptip.api.simulate import simulate as simulate
+    from ocptip.api.stand import stand as stand
+    from ocptip.api.studio import studio as studio
+    from ocptip.api.tasks import load_task as load_task
+    from ocptip.api.view import view as view
+    from ocptip.basics.errors import InputError as InputError
+    from ocptip.basics.errors import OcptipError as OcptipError
+    from ocptip.contact import Load as Load
+    from ocptip.contact import Support as Support
+    from ocptip.contact import UnilateralContact as UnilateralContact
+    from ocptip.contact import solve as solve
+    from ocptip.contact import solve_many as solve_many
+    from ocptip.contact import stability as stability
+    from ocptip.robots.base_motion import BaseMotion as BaseMotion
+    from ocptip.standing.arm import Robot as Robot
+    from ocptip.standing.limits import Limits as Limits
+    from ocptip.standing.objects import Object as Object
+    from ocptip.standing.tolerance import Uncertainty as Uncertainty
+    from ocptip.task_files.scene import read_scene as read_scene
+    from ocptip.trajectories.drive_profile import load_drive_profile as load_drive_profile
+    from ocptip.trajectories.trajectory import Trajectory as Trajectory
 
     __version__: str
 
@@ -106,49 +111,7 @@ _HOME = {
     "view": "ocptip.api.view",
 }
 
-__all__ = [
-    "BaseMotion",
-    "Certified",
-    "Check",
-    "InputError",
-    "Limits",
-    "Load",
-    "NoPlanError",
-    "Object",
-    "OcptipError",
-    "Plan",
-    "RetimedPlan",
-    "Robot",
-    "Support",
-    "Trajectory",
-    "Uncertainty",
-    "UnilateralContact",
-    "__version__",
-    "certify",
-    "chart",
-    "check",
-    "compare",
-    "drive",
-    "export",
-    "identify",
-    "load_drive_profile",
-    "load_task",
-    "place",
-    "plan",
-    "rate",
-    "rate_along",
-    "rate_workspace",
-    "read_scene",
-    "report",
-    "retime",
-    "simulate",
-    "solve",
-    "solve_many",
-    "stability",
-    "stand",
-    "studio",
-    "view",
-]
+__all__ = [*_HOME]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:

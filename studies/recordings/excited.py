@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics.write import versions, write_text
-from ocptip.measured.excitation import condition_along, excite
+from ocptip.measured.excitation import SeriesSearch, excite
 from ocptip.measured.links import (
     Identified,
     all_parameters,
@@ -89,7 +89,8 @@ def of_arm(name: str, runs: int) -> tuple[list[list[str]], float]:
         rows += [
             [
                 name, "torques and sensor" if sensor else "torques", what, f"{motion.end:.1f}",
-                f"{condition_along(task, motion):.0f}", *_row(own[what]), *_against(own, what, motions),
+                f"{SeriesSearch(task, motion.end).condition(motion):.0f}",
+                *_row(own[what]), *_against(own, what, motions),
                 f"{100 * np.sqrt(np.mean([error**2 for _, _, error in own[what]])):.2g}",
             ]
             for what, motion in motions.items()

@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 
-from ocptip.cli import command, run
+from ocptip.cli import command
 from ocptip.cli.command import BAD_INPUT, INTERNAL_ERROR, INTERRUPTED, explained, say
 from tests.places import EXAMPLES
 from tests.quick import some
@@ -152,7 +152,7 @@ def test_workers_get_the_files_that_they_need():
         pytest.skip("the system allows no more")
     try:
         resource.setrlimit(resource.RLIMIT_NOFILE, (60, before[1]))
-        run._require_files(20)
+        command.require_files(20)
         assert resource.getrlimit(resource.RLIMIT_NOFILE)[0] == 32 + 8 * 20
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, before)

@@ -29,6 +29,7 @@ FOR_PLANS = ("ocptip.motion.plan", "ocptip.certificate.checks", "ocptip.motion.p
 stops: list[tuple[int, float]] = []
 """Signals that asked this process to stop."""
 FURTHER_CODES = f"{BAD_INPUT} bad input, {INTERNAL_ERROR} internal error, {INTERRUPTED} interrupted"
+_FILES, _FILES_PER_JOB = 32, 8
 _LONGEST = 4000  # characters of a message
 _NO_MEMORY = "Cannot allocate memory", "bad_alloc", "libllvmlite"  # which is large
 
@@ -207,6 +208,19 @@ def _positionals(parser: argparse.ArgumentParser) -> str:
             more = f"{word} ..." if action.nargs in ("+", "*") else word
             words.append(f"[{more}]" if action.nargs in ("?", "*") else more)
     return " ".join(words)
+
+
+def require_files(jobs: int) -> None:
+    """Raise OSError where the system allows this process fewer open files than its workers need."""
+    if resource is None:
+        return
+    limit, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed = _FILES + _FILES_PER_JOB * jobs
+    if most == resource.RLIM_INFINITY or limit < needed <= most:
+        limit = max(limit, needed)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (limit, most))
+    if limit < needed:
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
 
 def explained(error: Exception) -> tuple[int, str]:

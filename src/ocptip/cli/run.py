@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import errno
 import os
 import sys
 import warnings
@@ -14,24 +13,17 @@ from typing import Any
 
 from ocptip.basics.errors import InputWarning, naming
 from ocptip.basics.outputs import require_replaceable_file
-from ocptip.cli.command import Command, Report, explained, say
+from ocptip.cli.command import Command, Report, explained, require_files, say
 from ocptip.cli.terminal import coloured, latest, lines_while
 from ocptip.numerics.fork_server import cores, prepare_workers
 from ocptip.numerics.threads import one_thread
-
-try:
-    import resource
-except ImportError:  # Windows
-    resource = None
-
-_FILES, _FILES_PER_JOB = 32, 8
 
 
 def run(command: Command, options: argparse.Namespace, own_process: bool) -> int:
     """Run, write, print; returns the exit code."""
     _refuse_targets(command, options)
     if own_process and command.preload and options.jobs != 1 and not getattr(options, "scheduler", None):
-        _require_files(options.jobs or cores())
+        require_files(options.jobs or cores())
         prepare_workers(command.preload)  # they start while the command itself loads what it needs
     latest.quiet = options.quiet
     module = import_module(command.module)
@@ -58,19 +50,6 @@ def _refuse_targets(command: Command, options: argparse.Namespace) -> None:
         with naming(f"--{name}"):
             for one in (path, os.path.splitext(path)[0] + ".h") if name == "c" else (path,):
                 require_replaceable_file(one, overwrite=options.overwrite)
-
-
-def _require_files(jobs: int) -> None:
-    """Raise OSError where the system allows this process fewer open files than its workers need."""
-    if resource is None:
-        return
-    limit, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    needed = _FILES + _FILES_PER_JOB * jobs
-    if most == resource.RLIM_INFINITY or limit < needed <= most:
-        limit = max(limit, needed)
-        resource.setrlimit(resource.RLIMIT_NOFILE, (limit, most))
-    if limit < needed:
-        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
 
 
 @contextmanager

@@ -72,7 +72,7 @@ def excite(task: MotionTask, *, duration: float = 10.0, seed: int = 0, steps: in
     """
     Robot.of(task.robot, f"motions for identification are for arms, not for a {task.robot.kind}")
     T, rng = positive_number("duration", duration), np.random.default_rng(seed)
-    search = _SeriesSearch(task, T)
+    search = SeriesSearch(task, T)
     shape = task.robot.n, 2 * _WAVES + 1
     tried = [search.allowed(rng.normal(size=shape)) for _ in range(_RANDOM)]
     values = [value for _, value in tried]
@@ -97,11 +97,6 @@ def excite(task: MotionTask, *, duration: float = 10.0, seed: int = 0, steps: in
         f"no motion about the start keeps the limits, even {_SLOWER[-1]:g} times as slow and "
         f"{_SMALLER[-1]:g} as large; choose a start that stands with more margin"
     )
-
-
-def condition_along(task: MotionTask, motion: Trajectory) -> float:
-    """Condition number, as above, of the scaled regressor along any motion of the task's arm."""
-    return _SeriesSearch(task, motion.end).condition(motion)
 
 
 def _tamed(start: np.ndarray, series: np.ndarray, T: float) -> Iterator[tuple[Trajectory, float, float]]:
@@ -131,7 +126,7 @@ def _curves(series: np.ndarray, times: np.ndarray, T: float) -> tuple[np.ndarray
     return tuple(part @ series.T for part in parts)  # pyright: ignore[reportReturnType]
 
 
-class _SeriesSearch:
+class SeriesSearch:
     """Value of series of a robot: the condition number where limits are kept, else above `_BROKEN`."""
 
     def __init__(self, task: MotionTask, T: float) -> None:

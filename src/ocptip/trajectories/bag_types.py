@@ -44,17 +44,9 @@ def rosbags_package() -> Rosbags:
     store1 = cache(partial(made, stores.ROS1_NOETIC))  # made only where a bag of ROS 1 is read
     idl = typesys.get_types_from_idl
     parsers = {"MSG": typesys.get_types_from_msg, "IDL": lambda text, _: _of_idl(idl, text)}
-    return Rosbags(
-        rosbag2.Reader,
-        rosbag1.Reader,
-        rosbag2.Writer,
-        rosbag2.StoragePlugin.MCAP,
-        made(stores.ROS2_HUMBLE),
-        store1,
-        partial(made, stores.EMPTY),
-        typesys.TypesysError,
-        parsers,
-    )
+    store, empty, mcap = made(stores.ROS2_HUMBLE), partial(made, stores.EMPTY), rosbag2.StoragePlugin.MCAP
+    readers = rosbag2.Reader, rosbag1.Reader
+    return Rosbags(*readers, rosbag2.Writer, mcap, store, store1, empty, typesys.TypesysError, parsers)
 
 
 def _of_idl(parse: Callable[[str], dict[str, Any]], text: str) -> dict[str, Any]:

@@ -191,11 +191,6 @@ class JointRamps:
         """t'' of each command, (n,), s: the next one is given, or the joint brakes."""
         return self.times[2:-1:2]
 
-    @property
-    def command_ends(self) -> np.ndarray:
-        """t_e of each command, (n,), s: when the joint would rest if no other followed; the last: `end`."""
-        return self.brake_starts + np.abs(self.peaks) / self._command_accelerations
-
     @cached_property
     def crossings(self) -> np.ndarray:
         """When the speed changes sign within each command's acceleration phase, (n,), s, NaN where it does
