@@ -27,7 +27,7 @@ from ocptip.standing.at_rest.largest_payload import (
     ReachBySector,
     largest_payloads,
 )
-from ocptip.standing.limits import Limits
+from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN, Limits
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, BasePayloads, ballasted, widened
 from ocptip.standing.within.tolerable import AT_REST
@@ -307,7 +307,7 @@ class LoadChart(SavedFolder):
         """The content of chart.json; see docs/how-to/load-charts.md."""
         limits, payload = self.limits, self.robot.payload
         names = ("GN", "GT", "torque_ratio", "clearance")
-        within = ("GN_worst_case", "GT_worst_case", "torque_ratio_worst_case")
+        within = TIP_WITHIN, SLIP_WITHIN, TORQUE_WITHIN
         given = limits.tolerance.given
         feet = self._feet
         return {
