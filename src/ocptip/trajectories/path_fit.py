@@ -80,16 +80,26 @@ class FittedPath:
             distance of each joint, (n,), rad or m, from the nearest posture of the line, with 1 rad as 1 m;
             that of the TCP, m, from its nearest position on the line.
         """
-        joints, tool = np.zeros(self.samples.shape[1]), 0.0
-        shares = np.linspace(0, 1, LINE_SAMPLES)
-        for begin, end in pairwise(self.path.breakpoints):
-            curve = self.path.at(begin + shares[::BESIDE_LINES] * (end - begin))[0]
-            line = curve[0] + shares[:, None] * (curve[-1] - curve[0])
-            off = np.abs(curve[:, None] - line)
-            nearest = np.argmin(off.max(axis=2), axis=1)
-            joints = np.maximum(joints, off[np.arange(len(curve)), nearest].max(axis=0))
-            if position is not None:
-                between = np.linalg.norm(position(curve)[:, None] - position(line), axis=2)
+        joints, tool, n = np.zeros(self.samples.shape[1]), 0.0, self.samples.shape[1]
+        shares, ends = np.linspace(0, 1, LINE_SAMPLES)[:, None], self.path.breakpoints
+        places = ends[:-1, None] + shares[::BESIDE_LINES, 0] * np.diff(ends)[:, None]
+        curves = self.path.at(places.ravel())[0].reshape(*places.shape, n)
+        # No point of a curve is farther from its line than from the line's point of the same share: what is
+        # nearer to that than the farthest so far is not compared with the others.
+        beside = curves[:, :1] + shares[::BESIDE_LINES] * (curves[:, -1:] - curves[:, :1])
+        far, tools = np.abs(curves - beside).max(axis=2), curves
+        far_tool = np.zeros(far.shape)
+        if position is not None:
+            tools, on_line = (position(q.reshape(-1, n)).reshape(*far.shape, -1) for q in (curves, beside))
+            far_tool = np.linalg.norm(tools - on_line, axis=2)
+        for k in np.argsort(-far.max(axis=1), kind="stable"):
+            line = curves[k, 0] + shares * (curves[k, -1] - curves[k, 0])
+            if (rows := far[k] > joints.min()).any():
+                off = np.abs(curves[k, rows, None] - line)
+                nearest = np.argmin(off.max(axis=2), axis=1)
+                joints = np.maximum(joints, off[np.arange(len(off)), nearest].max(axis=0))
+            if position is not None and (rows := far_tool[k] > tool).any():
+                between = np.linalg.norm(tools[k, rows, None] - position(line), axis=2)
                 tool = max(tool, float(between.min(axis=1).max()))
         return joints, tool
 
