@@ -182,6 +182,32 @@ def test_the_worst_pace_of_the_base_is_one_of_its_ends(task):
         assert np.all(np.abs(driven.loads(q, pace * qd, pace**2 * qdd, scaled)[0]) <= most + 1e-9)
 
 
+def test_steps_of_base_and_joints_that_meet_overshoot_together(task):
+    robot, tolerance, rate = task.robot, Uncertainty(damping=0.2), 0.8
+    goal = task.start + 0.2
+    motion = Trajectory.ending_together(task.start, goal, [None] * 6, np.full(6, 0.4), np.full(6, rate))
+    still, more = np.zeros((1, 6)), tolerance.overshoot
+    for sign in (1, -1):
+        speeds = np.array([[0, 0, 0], [sign * 0.2, 0, 0]])
+        driven = robot.driving(DriveProfile.of_velocities(np.array([0, 0.2]), speeds))
+        found = worst_within(driven, motion, tolerance, np.linspace(0, motion.end, 11))
+
+        def ratio(joints, base):
+            drives = ocptip.BaseMotion([base, 0, 0])
+            states = task.start[None], still, still + joints
+            slopes, offsets = robot.tip_over.affine_moments
+            wrench = robot.loads(*states, base_motion=drives)[1]
+            return float(robot.tip_over.ratio(np.min(wrench @ slopes.T + offsets)))
+
+        both = ratio((1 + more) * rate, sign * (1 + more))
+        assert found.tip.value >= both - 1e-6
+        if both > max(ratio((1 + more) * rate, sign), ratio(rate, sign * (1 + more))) + 1e-3:
+            assert found.tip.value == pytest.approx(both, rel=1e-4)
+            assert "overshooting, base overshooting" in found.tip.how
+            return
+    pytest.fail("no direction in which both are the worst")
+
+
 def test_files_and_words_give_the_same_profile(tmp_path):
     words = load_drive_profile("0.5 m, 0.5 m/s, 1 m/s^2")
     (tmp_path / "v.csv").write_text("t,cmd.linear.x,w_deg_s\n1,0,0\n1.5,0.5,0\n2,0.5,0\n2.5,0,0\n")

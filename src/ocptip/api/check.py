@@ -43,6 +43,10 @@ NO_STOPS = (
     "while the base drives these are not checked: stops of the arm, also those that the task asks for, "
     "torques of wheels, obstacles at rest in the world, and sway of elastic contacts at acceleration steps"
 )
+STEPS = (
+    "acceleration steps overshoot: of base and joints in all combinations, with delayed joints, on rigid "
+    "contacts"
+)
 SAME = {"deg": 0.01, "m": 1e-4}
 """Offsets of start and goal up to this are not worth a note."""
 _RETIMED_NODES = 100  # of the timing that a motion is told about: within 1 % of the duration
@@ -77,18 +81,11 @@ class Check(CheckedMotion):
     def assumed(self) -> list[str]:
         """The assumptions about the motion where its file gives nothing, one sentence each."""
         rests = f"the robot rests before 0 s and after {self.motion.end:.4g} s"
-        driving = [*self._steps_while_driving, NO_STOPS] if self.task.robot.acts.end else []
-        return [*self.motion.assumed, rests, *driving]
-
-    @property
-    def _steps_while_driving(self) -> list[str]:
-        """The combinations of acceleration steps of base and joints that are covered, one sentence."""
-        if self.check.within is None or not self.check.within.tolerance.overshoot:
-            return []
-        every = "overshoot of base and joints in all combinations, with delayed joints, on rigid contacts"
-        if self.check.proved_while_moving:
-            return [f"the proof covers acceleration steps while the base drives: {every}"]
-        return [f"samples cover overshoot of the base with joints on time; a proof covers {every}"]
+        if not self.task.robot.acts.end:
+            return [*self.motion.assumed, rests]
+        within = self.check.within
+        steps = [STEPS] if within is not None and within.tolerance.overshoot else []
+        return [*self.motion.assumed, rests, *steps, NO_STOPS]
 
     @property
     def unproved(self) -> str:

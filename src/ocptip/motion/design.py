@@ -15,7 +15,7 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limits import Limits
 from ocptip.standing.within.design import Design, smallest_design
 from ocptip.standing.within.in_motion import worst_slip_of, worst_tip_of
-from ocptip.standing.within.late_joints import DelayedStates, base_steps, jump_states, on_time
+from ocptip.standing.within.late_joints import DelayedStates, jump_states, on_time
 from ocptip.standing.within.worst_case import WorstCase, worst_case_of
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -99,5 +99,4 @@ def _worst_states(robot: Robot, motion: Trajectory, limits: Limits) -> tuple[Wor
     """The worst case, and the states that count in it: delayed, and at acceleration steps."""
     cases, acting = worst_case_of(robot, limits.tolerance), robot.during(motion)
     delayed = on_time(motion, limits.tolerance, motion.both_sides(SPACING), acting)
-    delayed = delayed.joined(jump_states(motion, limits.tolerance, cases, acting))
-    return cases, delayed.joined(base_steps(motion, limits.tolerance, acting))
+    return cases, delayed.joined(jump_states(motion, limits.tolerance, cases, acting))

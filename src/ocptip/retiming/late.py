@@ -219,8 +219,8 @@ class LateJoints:
             places.append(s[node])
             ends, on_time = ((node, 1.0),), ((node, True, 1.0),)
             bases.append((ends, on_time))
-            if self._base is not None and self._more:  # its acceleration step overshoots, joints are on time
-                results.append([self._made(nodes, ends, on_time, 0.0)])
+            if self._base is not None and self._more:  # its acceleration step overshoots
+                results.append(results[-1])
                 places.append(s[node])
                 bases.append((ends, ((node, True, 1 + self._more), (node, False, -self._more))))
             time = t[node] + self._delay
@@ -234,10 +234,7 @@ class LateJoints:
         for time in self._steps[self._steps < t[-1]]:  # of a drive profile, whose steps overshoot
             last = int(np.searchsorted(t, time, side="right")) - 1
             share = (time - t[last]) / (t[last + 1] - t[last])
-            ends = (last, 1 - share), (last + 1, share)
-            results.append(
-                [self._made(nodes, ends, ((last, True, 1 - share), (last + 1, False, share)), 0.0)]
-            )
+            results.append(self._at(nodes, last, time, share))
             places.append(s[last] + share * (s[last + 1] - s[last]))
             bases.append(None)
         made = [[way for _, way in pairs] for pairs in results]

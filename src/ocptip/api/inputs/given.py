@@ -68,7 +68,7 @@ def task_of_motion(
     asked = case is not None or base is not None
     if not asked and (folder == Path(motion) or is_plan_folder(folder)):
         return read_plan_folder(folder).task, path
-    origin = motion_origin(path)
+    origin = motion_origin(path) if _is_file(motion) else {}  # the name of a posture has none
     named = origin.get("case")
     if case is None and named is None:
         raise InputError(f"{motion}: names no case; say which robot by --case A..H or --task TASK.toml")

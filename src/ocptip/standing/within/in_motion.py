@@ -23,7 +23,7 @@ from ocptip.standing.contact_margins import Margin
 from ocptip.standing.limit_kinds.limit import Sampled
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.standing.within.late_joints import DelayedStates, base_steps, jump_states, on_time
+from ocptip.standing.within.late_joints import DelayedStates, jump_states, on_time
 from ocptip.standing.within.torques import maximum_torques
 from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_cases_of
 from ocptip.trajectories.trajectory import Trajectory
@@ -207,7 +207,6 @@ def worst_contacts(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> d
     acting = cases.deviations.robot.during(motion)
     delayed = on_time(motion, tolerance, times, acting)
     delayed = delayed.joined(jump_states(motion, tolerance, cases, acting))
-    delayed = delayed.joined(base_steps(motion, tolerance, acting))
     tip, course = None, (np.empty(0), np.empty(0))
     if cases.axes:
         worst, bad = _refined(cases, motion, acting, delayed, _least_moments)

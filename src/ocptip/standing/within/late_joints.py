@@ -33,6 +33,7 @@ from ocptip.trajectories.trajectory import INSIDE, Trajectory
 MOST = 5000  # combinations of what joints do at one instant; of more, all alike, or all but one
 MOST_OF_ALL = 20_000  # combinations in a motion; of more, those that are worst by slopes
 BETWEEN = 0.005  # s: instants at which joints whose accelerations change without jumps are combined
+BASE_STEPS = "base overshooting"
 JUMP = 1e-6  # of the largest acceleration of a joint: smaller ones are none
 
 T = TypeVar("T")
@@ -224,17 +225,21 @@ def jump_states(
         instants = _filled(instants)
     if not (events.delay or events.more):
         instants = np.empty(0)
+    acting = np.empty((len(instants), 0)) if robot is None else robot.acting(instants)
+    knots, overshooting = _base_steps(robot, events.more)
+    words = [""] * len(instants) + [BASE_STEPS] * len(knots)
+    instants = np.append(instants, knots)
     now, before = (
         np.stack(motion.states(times), axis=2).tolist()  # (N, n, 3)
         for times in (instants + INSIDE, instants - events.delay - INSIDE)
     )
-    acting = np.empty((len(instants), 0)) if robot is None else robot.acting(instants)
-    given = zip(instants.tolist(), events.inside(instants), now, before, acting, strict=True)
-    for t, inside, begun, then, acts in given:
+    acting = [*acting, *overshooting]
+    given = zip(instants.tolist(), events.inside(instants), now, before, acting, words, strict=True)
+    for t, inside, begun, then, acts, word in given:
         options = [events.options(t, inside, j, begun[j], then[j]) for j in range(n)]
         joints = [j for j in range(n) if len(options[j]) > 1 or options[j][0][-1] != "on time"]
-        if joints:
-            result.append(_Instant(t, joints, options, acts))
+        if joints or word:
+            result.append(_Instant(t, joints, options, acts, word))
     if cases is not None and sum(prod(map(len, instant.options)) for instant in result) > MOST_OF_ALL:
         return _worst_combinations(result, cases)
     most = MOST if cases is None else MOST_OF_ALL
@@ -247,21 +252,14 @@ def jump_states(
     return DelayedStates(s, times, max_delay, [word for one in every for word in one.words])
 
 
-def base_steps(motion: Trajectory, tolerance: Uncertainty, robot: Robot) -> DelayedStates:
-    """States at steps of the acceleration of a base that drives, which overshoot as those of joints do.
-
-    Args:
-        motion: of the arm, whose joints are on time.
-        tolerance: its overshoot.
-        robot: `during` the motion.
-    """
-    times = robot.acts.knots if robot.acts.end and tolerance.overshoot else np.empty(0)
+def _base_steps(robot: Robot | None, overshoot: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times (K,), s, of acceleration steps of a base that drives, and what acts there if they overshoot."""
+    times = robot.acts.knots if robot is not None and robot.acts.end and overshoot else np.empty(0)
+    if robot is None or not len(times):
+        return times, np.empty((0, 0))
     before, after = (robot.acting(times + side) for side in (-INSIDE, INSIDE))
     steps = np.abs(after - before).max(axis=1, initial=0.0) > JUMP
-    acting = (after + tolerance.overshoot * (after - before))[steps]
-    states = np.hstack([*motion.states(times[steps] + INSIDE), acting])
-    still = np.zeros((len(acting), motion.n))
-    return DelayedStates(states, times[steps], still, ["base overshooting"] * len(acting))
+    return times[steps], (after + overshoot * (after - before))[steps]
 
 
 def _filled(instants: np.ndarray) -> np.ndarray:
@@ -276,20 +274,32 @@ def _filled(instants: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Instant:
-    """The possible delayed states at a time t, s; listed are joints with others than being on time."""
+    """The possible delayed states at a time t, s; listed are joints with others than being on time.
+
+    `of_base`: what a base that drives does there, in words.
+    """
 
     t: float
     joints: list[int]
     options: list[list[_Way]]
     acting: np.ndarray
+    of_base: str
 
     def combined(self, chosen: Sequence[Sequence[_Way]]) -> DelayedStates:
         """The states of combinations of cases."""
         numbers = np.array([[way[:4] for way in options] for options in chosen])  # (C, n, 4)
         states = numbers[:, :, :3].transpose(0, 2, 1).reshape(len(chosen), -1)
         states = np.hstack([states, np.tile(self.acting, (len(chosen), 1))])
-        words = [_words_of(self.joints, [options[j][4] for j in self.joints]) for options in chosen]
+        words = [self.words([options[j][4] for j in self.joints]) for options in chosen]
         return DelayedStates(states, np.full(len(chosen), self.t), numbers[:, :, 3], words)
+
+    def words(self, what: list[str]) -> str:
+        """`"joints 1, 2 overshooting, joint 4 delayed"` of what the listed joints do."""
+        words = []
+        for word in dict.fromkeys(what):
+            joint_numbers = [f"{j + 1}" for j, one in zip(self.joints, what, strict=True) if one == word]
+            words.append(f"joint{'s' if len(joint_numbers) > 1 else ''} {', '.join(joint_numbers)} {word}")
+        return ", ".join([*words, self.of_base] if self.of_base else words)
 
 
 def _worst_combinations(every: list[_Instant], cases: WorstCase) -> DelayedStates:
@@ -313,18 +323,9 @@ def _worst_combinations(every: list[_Instant], cases: WorstCase) -> DelayedState
     states = np.hstack([numbers[..., :3].transpose(0, 2, 1).reshape(len(rows), -1), acting[rows]])
     words = []
     for i, choice in chosen:
-        by_joint, joints = every[i].options, every[i].joints
-        words.append(_words_of(joints, [by_joint[j][choice[j]][4] for j in joints]))
+        by_joint = every[i].options
+        words.append(every[i].words([by_joint[j][choice[j]][4] for j in every[i].joints]))
     return DelayedStates(states, np.array([instant.t for instant in every])[rows], numbers[..., 3], words)
-
-
-def _words_of(joints: list[int], what: list[str]) -> str:
-    """`"joints 1, 2 overshooting, joint 4 delayed"`."""
-    words = []
-    for word in dict.fromkeys(what):
-        joint_numbers = [f"{j + 1}" for j, one in zip(joints, what, strict=True) if one == word]
-        words.append(f"joint{'s' if len(joint_numbers) > 1 else ''} {', '.join(joint_numbers)} {word}")
-    return ", ".join(words)
 
 
 def combinations(options: list[list[T]], most: int = MOST) -> list[tuple[T, ...]]:
