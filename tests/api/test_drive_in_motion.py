@@ -92,7 +92,7 @@ def test_a_motion_leaves_less_than_its_start(task, motion, capsys):
 
 def test_stops_are_refused_while_the_base_drives(task):
     profile = "1 m, 0.5 m/s, 0.5 m/s^2"
-    with pytest.raises(InputError, match="stops: not for a base that drives"):
+    with pytest.raises(InputError, match="stops path: not for a base that drives"):
         ocptip.check(task, "start", drive_profile=profile, stops="path")
 
 

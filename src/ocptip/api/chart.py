@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
+import scipy  # subpackages load on first use: that of the sequence takes a second
 
 from ocptip.api.inputs.postures import rests_of
 from ocptip.api.tasks import TaskLike, load_task
@@ -126,7 +126,7 @@ def halton_postures(robot: Robot, limits: Limits, samples: int, seed: int) -> np
     # A whole turn is enough: beyond it postures repeat.
     middle = (low + high) / 2
     half = np.where(turns, np.minimum((high - low) / 2, np.pi), (high - low) / 2)
-    unit = qmc.Halton(robot.n, rng=np.random.default_rng(seed)).random(samples)
+    unit = scipy.stats.qmc.Halton(robot.n, rng=np.random.default_rng(seed)).random(samples)
     return middle + (2 * unit - 1) * half
 
 

@@ -40,8 +40,9 @@ from ocptip.trajectories.path_fit import path_of_motion
 from ocptip.trajectories.trajectory import Trajectory
 
 NO_STOPS = (
-    "while the base drives these are not checked: stops of the arm, also those that the task asks for, "
-    "torques of wheels, obstacles at rest in the world, and sway of elastic contacts at acceleration steps"
+    "while the base drives these are not checked: stops of the arm, also those that the task asks for "
+    "(cancels with --stops cancel, at samples), torques of wheels, obstacles at rest in the world, and sway "
+    "of elastic contacts at acceleration steps"
 )
 STEPS = (
     "acceleration steps overshoot: of base and joints in all combinations, with delayed joints, on rigid "
@@ -212,7 +213,7 @@ def check(
         step: s, first distance of the instants.
         time_scale: factors; the check is repeated with all times multiplied by each.
         stops: what if the motion is stopped at any instant: along the path, by brakes, both, by a controller
-            that is cancelled, or all.
+            that is cancelled, or all; while the base drives only cancels.
         sensitivities: say what changes of masses and contacts would do.
         design: say how narrow the feet and how light the base may be.
         rise_time: s, of profile commands; default: that of the file, or of the task.
@@ -239,9 +240,12 @@ def check(
         raise InputError("sensitivities: not for cycles")
     asked = {"sensitivities": sensitivities, "design": design}
     refuse_objects(task, *(name for name, wanted in asked.items() if wanted))
-    if task.robot.acts.end and stops is None:
+    drives, cancels = bool(task.robot.acts.end), stops is not None and "cancel" in SCENARIOS[stops]
+    if drives and stops in (None, "cancel"):
         task = task.each(lambda one_task: replace(one_task, limits=one_task.limits.without_stops))
-    refuse_driving(task, *["stops"] * (stops is not None), *["sensitivities"] * sensitivities)
+    refuse_driving(
+        task, *[f"stops {stops}"] * (stops not in (None, "cancel")), *["sensitivities"] * sensitivities
+    )
     if stops is not None and "path" in SCENARIOS[stops]:
         task = task.each(lambda one_task: replace(one_task, limits=one_task.stops.asked(one_task.limits)))
     how = {"step": step, "progress": progress}
@@ -251,8 +255,7 @@ def check(
         checked = check_cycle(task, sequence, **how)
         if given.fit is None:  # of which the accelerations are an estimate
             say("proving what was checked ...")
-            cancels = stops is not None and "cancel" in SCENARIOS[stops]
-            checked = certified_cycle(task, sequence, checked, cancels=cancels)
+            checked = certified_cycle(task, sequence, checked, cancels=cancels and not drives)
         checked = with_rises(task, sequence, checked)
         scaled = [(f, check_cycle(task, sequence.time_scaled(f), **how).whole) for f in time_scale]
     say("finding which deviations lose no contact ...")

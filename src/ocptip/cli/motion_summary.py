@@ -125,7 +125,8 @@ def motion_text(
         *(cancels or {}).values(),
         *(s.decelerations for s in checked_motion.stops.values() if s.decelerations),
     ]
-    profile = robot.acts.drive_profile
+    moves = checked.worst["speed_ratio"].value > 0  # else a posture is held
+    profile = robot.acts.drive_profile if moves else None
     widest = max((len(name) for name, _ in details), default=0) + 2
     parts = [
         [

@@ -58,14 +58,16 @@ def given_tolerance(options: Namespace) -> Uncertainty | None:
 
 def with_cancel(task: Task, options: Namespace) -> Task:
     """The task with the deceleration and the reaction time of a cancelled controller, as typed."""
-    text, reaction = options.deceleration, options.reaction
-    if text is None and reaction is None:
+    text, reaction, base = options.deceleration, options.reaction, getattr(options, "base_deceleration", None)
+    if text is None and reaction is None and base is None:
         return task
 
     def changed(motion_task: MotionTask) -> MotionTask:
         given: dict[str, Any] = {}
         if reaction is not None:
             given["reaction"] = 1e-3 * positive_number("--reaction", reaction, zero_allowed=True)
+        if base is not None:
+            given["base_deceleration"] = positive_number("--base-deceleration", base, zero_allowed=True)
         if text is not None:
             law = re.fullmatch(r"(?P<share>[^,]+)%|stopj(?:\((?P<stopj>[^,]+)\))?|(?P<rates>.+)", text)
             kind = law.lastgroup if law else ""

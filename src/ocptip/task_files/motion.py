@@ -55,7 +55,7 @@ from ocptip.trajectories.velocity_profiles import SHORTEST_RISE, checked_rise_ti
 _KIND = schema.choice("Stops.", get_args(Kinds))
 _RATES = {"cancel_deceleration_deg_s2": False, "cancel_deceleration_m_s2": True}
 """Keys of decelerations: whether these are of sliding joints."""
-_OF_CANCELS = ("stopj", "share", "reaction", "longest")
+_OF_CANCELS = ("stopj", "share", "reaction", "longest", "base_deceleration")
 """Further keys of cancels, without their beginning."""
 _TORQUE = "torque of each brake; sliding joints: N."
 STOPS = Keys(
@@ -101,6 +101,12 @@ STOPS = Keys(
         ),
         "cancel_longest": schema.number(
             "Maximum time from a cancel until everything rests.", "s", bound="> 0", default=LONGEST
+        ),
+        "cancel_base_deceleration": schema.number(
+            "Of a base that drives, from when the joints decelerate; 0: it drives on.",
+            "m/s^2",
+            bound=">= 0",
+            default=0,
         ),
     },
 )

@@ -145,9 +145,8 @@ class DriveEnvelope(SavedFolder):
         given, gravity = self.given, self.robot.support.gravity
         around = np.column_stack([np.cos(self.angles), np.sin(self.angles), np.zeros(len(self.angles))])
         manoeuvres = Manoeuvres.accelerations(share * around, gravity) + self._straight(share)
-        size = float(np.linalg.norm(gravity))
         if given.slope:
-            along, down = size * np.sin(given.slope), -size * np.cos(given.slope)
+            along, down = np.linalg.norm(gravity) * np.array([np.sin(given.slope), -np.cos(given.slope)])
             pulls = [[along, 0, down], [-along, 0, down], [0, along, down], [0, -along, down]]
             manoeuvres += Manoeuvres.accelerations(np.tile([-share, 0, 0], (4, 1)), np.array(pulls))
         for build in (self._turns, self._starts, self._stops, self._stop_speeds):
@@ -381,7 +380,7 @@ class DriveEnvelope(SavedFolder):
                     **when,
                     "largest": one.value(float(result.largest[k])),
                     "tips_at": one.value(float(result.tip[k])),
-                    "first_wheel_lifts_at": one.value(float(result.lift[k])) if known else None,
+                    "first_contact_lifts_at": one.value(float(result.lift[k])) if known else None,
                     "slips_at": one.value(float(result.slip[k])) if result.slip[k] < result.tip[k] else None,
                     "tips_about_contacts": result.contacts[k].tolist() if result.contacts[k].any() else None,
                 }
@@ -426,11 +425,6 @@ class DriveEnvelope(SavedFolder):
             "versions": versions(),
         }
 
-    def to_csv(self) -> str:
-        """Directions and manoeuvres of the base, then of each object, as a table; empty: without a limit."""
-        limits = {"": self.limits, **{name: envelope.limits for name, envelope in self.objects.items()}}
-        return limits_csv(limits, ["nominal", *(["within"] if self.within else [])])
-
     def to_yaml(self) -> str:
         """Parameters of Nav2's velocity smoother."""
         edge = "the edge, if accelerations rise gently; what sets in at once overshoots"
@@ -445,7 +439,9 @@ class DriveEnvelope(SavedFolder):
 
     def contents(self, figures: bool) -> dict[str, bytes]:
         """drive.csv, nav2.yaml and drive.png."""
-        files = {"drive.csv": self.to_csv().encode(), "nav2.yaml": self.to_yaml().encode()}
+        limits = {"": self.limits, **{name: envelope.limits for name, envelope in self.objects.items()}}
+        rows = limits_csv(limits, ["nominal", *(["within"] if self.within else [])])
+        files = {"drive.csv": rows.encode(), "nav2.yaml": self.to_yaml().encode()}
         if figures:
             feet = np.array([contact.position for contact in self.robot.support.contacts])
             objects = {name: carried.worst for name, carried in self.objects.items()}

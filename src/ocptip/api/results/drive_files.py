@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+_COLUMNS = "largest", "tips_at", "slips_at", "first_contact_lifts_at"
+
 
 def limits_csv(limits: Mapping[str, dict[str, Any]], cases: Sequence[str]) -> str:
     """Directions and manoeuvres of the base, then of each object, as a table; empty: without a limit.
@@ -19,7 +21,7 @@ def limits_csv(limits: Mapping[str, dict[str, Any]], cases: Sequence[str]) -> st
     """
     stream, of_object = io.StringIO(), ["object"] if len(limits) > 1 else []
     rows = csv.writer(stream, lineterminator="\n")
-    values = [(case, name) for case in cases for name in ("largest", "tips_at", "slips_at")]
+    values = [(case, name) for case in cases for name in _COLUMNS]
     rows.writerow(["manoeuvre", "direction_deg", "unit", *map("_".join, values), *of_object])
     for name, table in limits.items():
         around = [("direction", one) for one in table["directions"]]

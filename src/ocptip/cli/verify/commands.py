@@ -89,6 +89,13 @@ COMMANDS = (
                     "both",
                 ),
                 *CANCEL,
+                argument(
+                    "--base-deceleration",
+                    "A",
+                    "deceleration of a driving base while a cancelled arm stops, m/s^2 (default: as in the "
+                    "task, or it drives on)",
+                    type=float,
+                ),
                 DESIGN,
                 SENSITIVITIES,
                 time_scale("also check with all times multiplied by F"),

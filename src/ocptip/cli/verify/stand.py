@@ -124,7 +124,7 @@ class StandReport(GatedReport):
         lost = result.nominally_stable and not result.stable_itself
         about = f" WITHIN {result.within.scope.upper()}" if result.within and result.stable else ""
         if about and _left_out_overshoot(result):
-            about += ", WITHOUT OVERSHOOT"
+            about += ", AT CONSTANT ACCELERATION"
         if about and not all(carried.within for carried in result.objects):
             about += ", OBJECTS IN THE NOMINAL MODEL ONLY"
         verdict, _, remark = self._answer().partition(".")
@@ -247,8 +247,11 @@ class StandReport(GatedReport):
         if result.within:
             lines += under("uncertainty", result.within.lines(result.tip.tip_over.reference_moment))
         if more := _left_out_overshoot(result):
-            text = f"a step of this acceleration overshoots by {100 * more:.3g} %, which does not count here"
-            lines.append(("note", f"{text}; ocptip drive counts it: give it the same --posture"))
+            text = (
+                "this is while the base accelerates evenly; where the acceleration begins or ends at once, "
+            )
+            text += f"up to {1 + more:.3g} times as much acts for a moment (damping of the uncertainty)"
+            lines.append(("note", f"{text}; ocptip drive with the same --posture has the limits with that"))
         if self.design:
             lines += under("design", self.design.lines(result.scene.support))
         elif not result.stable and state.solved and not result.scene.planar:

@@ -76,7 +76,7 @@ class SafeDecelerations:
         full: n, rad/s^2 (sliding joints: m/s^2), at 100 %.
         of_limits: these are the acceleration limits, which a controller would use by default.
         together: joints come to rest together, see `Cancel`.
-        planned: the motion was planned to be safe when cancelled.
+        planned: planning does not help: the motion was planned to be safe when cancelled, or the base drives.
         levels: by falling share.
         minimum, maximum: of the safe shares; None where no checked share is safe.
         within: the uncertainty in words; empty: nominal model only.
@@ -269,7 +269,7 @@ def safe_decelerations(
         full=cancel.decelerations,
         of_limits=of_limits,
         together=cancel.together,
-        planned=limits.cancel is not None,
+        planned=limits.cancel is not None or bool(robot.acts.end),
         levels=tuple(table[share] for share in sorted(table, reverse=True)),
         minimum=minimum,
         maximum=maximum,
@@ -292,14 +292,14 @@ def _levels(
     def level(share: float) -> CancelLevel:
         scaled = replace(cancel, decelerations=tuple(share * a for a in cancel.decelerations))
         checks = (CancelCheck(robot, scaled, exact=False, interface=k) for k in range(len(robot.interfaces)))
-        result = stops = next(checks).stops(q, qd, process)
+        result = stops = next(checks).stops(q, qd, process, times)
         broken, lost = list[Worst](), np.zeros(len(q), dtype=bool)
         for footing in robot.interfaces:
             lost = (result.GN > scaled.GN) | (result.GT > scaled.GT)
             if broken := broken_contacts(footing, times, result, scaled, CANCEL):
                 break  # further interfaces need not be evaluated
             if check := next(checks, None):
-                result = check.stops(q, qd, process)
+                result = check.stops(q, qd, process, times)
         way = broken_duration(times, stops, scaled)
         way += broken_postures(robot, times, stops, limits, CANCEL)
         for footing, of_contacts in zip(robot.interfaces, cases, strict=False):

@@ -280,6 +280,10 @@ def _assumed(
             texts.append(
                 "cancel: 100 % is the acceleration limit; harder braking than checked is not covered"
             )
+        if robot.acts.end:
+            rate = rules.base_deceleration
+            braking = f"brakes with {rate:g} m/s^2 when the joints do, the radius of its curve stays"
+            texts.append(f"cancel: the base {braking if rate else 'drives on as its profile says'}")
         if not robot.arm.may_collide:
             texts.append("cancel: collisions not checked, no collision geometry")
     if "brakes" not in asked:

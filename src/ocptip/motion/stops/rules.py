@@ -67,6 +67,7 @@ class StopRules:
         share: of `deceleration` or `stopj` that it uses.
         reaction: s, at most from a cancel until the joints decelerate.
         longest: s, at most from a cancel until everything rests.
+        base_deceleration: m/s^2, of a base that drives, when the motion is cancelled; 0: it drives on.
         STOPJ: rad/s^2 of `stopj` as the driver of Universal Robots calls it, see
             `ocptip.standing.stops.by_cancel`.
     """
@@ -83,6 +84,7 @@ class StopRules:
     share: float = 1.0
     reaction: float = 0.0
     longest: float = LONGEST
+    base_deceleration: float = 0.0
 
     @property
     def guessed(self) -> bool:
@@ -101,7 +103,8 @@ class StopRules:
         positive_number("time", self.time, zero_allowed=True)
         for name in ("share", "longest", *(("stopj",) if self.stopj is not None else ())):
             positive_number(name, getattr(self, name))
-        positive_number("reaction", self.reaction, zero_allowed=True)
+        for name in ("reaction", "base_deceleration"):
+            positive_number(name, getattr(self, name), zero_allowed=True)
         for name in ("brake_min", "brake_max", "deceleration"):
             if (value := getattr(self, name)) is not None:
                 value = finite_array(name, value, (None,))
@@ -170,7 +173,8 @@ class StopRules:
             )
         rates = tuple(((self.share if share is None else share) * full).tolist())
         GN, GT = self.GN or limits.GN, self.GT or limits.GT
-        return Cancel(rates, self.reaction, self.longest, GN, GT, self.stopj is not None)
+        together = self.stopj is not None
+        return Cancel(rates, self.reaction, self.longest, GN, GT, together, self.base_deceleration)
 
     def lacking(self, robot: StandingMechanism) -> str:
         """Why brake torques can be neither taken from the task nor assumed; empty: they can."""

@@ -245,9 +245,10 @@ class JointTable(ABC):
         self._checks, ((self._times, self._found), *self._of_objects) = checks, stops
         q, qd, _ = motion.states(times)
         process = robot.during(motion).acting(times)
-        runs = [check.stops(q, qd, process) for check in checks]
+        given = [q, qd, process, *([times] if isinstance(rule, Cancel) else [])]
+        runs = [check.stops(*given) for check in checks]
         self.durations = runs[0].rests
-        self.speeds = self._safe(q, qd, process, self._kept(runs))
+        self.speeds = self._safe(given, self._kept(runs))
 
     def _kept(self, stops: Sequence[JointStops]) -> np.ndarray:
         """(N,) whether all contacts are kept, and everything comes to rest."""
@@ -257,12 +258,13 @@ class JointTable(ABC):
         ]
         return np.all(kept, axis=0)
 
-    def _safe(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    def _safe(self, given: Sequence[np.ndarray], kept: np.ndarray) -> np.ndarray:
         """Largest shares of the speed by halving; 0 where even the smallest checked one is not safe."""
-        todo, safe = np.flatnonzero(~kept), np.ones(len(q))
+        todo, safe = np.flatnonzero(~kept), np.ones(len(kept))
+        q, qd, *more = (part[todo] for part in given)
 
         def fine(shares: np.ndarray) -> np.ndarray:
-            states = q[todo], shares[:, None] * qd[todo], process[todo]
+            states = q, shares[:, None] * qd, *more
             return self._kept([check.stops(*states) for check in self._checks])
 
         safe[todo], _ = borders(fine, np.zeros(len(todo)), np.ones(len(todo)), LEVELS)

@@ -22,10 +22,12 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.numerics.batch import BatchFunction
+from ocptip.standing.acting import BASE
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import wrench_expression, wrenches_on
-from ocptip.standing.stops.joint_stops import JointStops, StopCheck, instants_of, of_owner, without_creep
+from ocptip.standing.stops.joint_stops import JointStops, StopCheck, instants_of, without_creep
 from ocptip.standing.within.deviations import Deviations
+from ocptip.trajectories.trajectory import INSIDE as BESIDE
 from ocptip.trajectories.trajectory import Trajectory
 
 SPACING = 0.01  # s, between instants of a motion at which joints begin to decelerate
@@ -34,6 +36,8 @@ PEAKS, FRESH, ROUNDS = 4, 7, 2  # of the refinement: worst instants, new ones on
 INSIDE = np.array([0.0, 1 / 3, 2 / 3, 1.0])  # of each time between stops of joints; 0 and 1 are its two sides
 SHORTEST = 1e-9  # s: times between stops of joints that are shorter have no states of their own
 LONGEST = 2.0  # s
+BASE_STEPS = 32  # of a drive profile that count after a cancel: those with the largest accelerations
+_ENDING = 1e-9  # relative: just before a base has come to rest
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,7 @@ class Cancel:
         longest: s, at most from the cancel until everything rests.
         GN, GT: largest values during any stop, at most 1.
         together: all joints come to rest at the same time, and only one of them decelerates at its rate.
+        base_deceleration: m/s^2, of a base that drives, from when the joints decelerate; 0: it drives on.
     """
 
     decelerations: tuple[float, ...]
@@ -54,6 +59,7 @@ class Cancel:
     GN: float = 0.9
     GT: float = 0.9
     together: bool = False
+    base_deceleration: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("GN", "GT"):
@@ -61,6 +67,7 @@ class Cancel:
         for value in self.decelerations:
             positive_number("cancel.decelerations", value)
         positive_number("cancel.reaction", self.reaction, zero_allowed=True)
+        positive_number("cancel.base_deceleration", self.base_deceleration, zero_allowed=True)
         if not positive_number("cancel.longest", self.longest) > self.reaction:
             raise InputError(
                 f"cancel.longest: must be > the reaction time, {self.reaction:g} s, got {self.longest:g}"
@@ -79,6 +86,15 @@ class Cancel:
         # Joints that rest together part a stop into nothing: as many instants as with n stops of joints.
         inside = np.linspace(0, 1, (len(INSIDE) - 1) * q.shape[1] + 1) if self.together else INSIDE
         return stop_states(q, qd, self.rates(qd), inside)
+
+    def states_at(self, q: np.ndarray, qd: np.ndarray, owner: np.ndarray, after: np.ndarray) -> StopStates:
+        """States of some of these stops, (M,), at times (M,), s, after their joints began to decelerate."""
+        qd, rates = without_creep(qd)[owner], self.rates(qd)[owner]
+        rests, slower = np.abs(qd) / rates, -np.sign(qd) * rates
+        moves, way = rests > after[:, None] + SHORTEST, np.minimum(after[:, None], rests)
+        steps, angles = np.ones(len(owner), dtype=bool), q[owner] + way * (qd + 0.5 * slower * way)
+        speeds, accelerations = (np.where(moves, part, 0.0) for part in (qd + slower * way, slower))
+        return StopStates(owner, after, steps, angles, speeds, accelerations, moves, np.zeros_like(way))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -148,6 +164,80 @@ def stop_states(
         moves,
         weights,
     )
+
+
+def meanwhile(
+    robot: Robot,
+    cancel: Cancel,
+    begun: tuple[np.ndarray, np.ndarray, np.ndarray],
+    acting: np.ndarray,
+    overshoot: float = 0.0,
+) -> tuple[StopStates, np.ndarray]:
+    """States of stops, and (M, size) what acts there.
+
+    A process stays what it is. A base drives on as its profile says, also after the arm has come to rest
+    where the cancel left it; or it brakes with a constant deceleration, and the radius of its curve stays.
+    Then there are more states: where its acceleration steps, which overshoots.
+
+    Args:
+        robot: with what acts on it.
+        cancel: how it stops.
+        begun: times (N,), s, at which the joints begin to decelerate, their angles and speeds (N, n).
+        acting: (N, size) what acts then.
+        overshoot: share of a step of the base's acceleration that is exceeded.
+    """
+    times, q, qd = begun
+    states = cancel.states(q, qd)
+    if robot.acts.drive_profile is None:
+        return states, acting[states.owner]
+    base = _braking if cancel.base_deceleration else _driving_on
+    rows, owner, after, steps = base(robot, cancel, times, states, overshoot)
+    more = cancel.states_at(q, qd, owner, after)
+    every = StopStates(*(np.concatenate(pair) for pair in zip(states, more, strict=True)))
+    result = acting[every.owner]
+    result[:, -BASE:] = np.concatenate([rows, steps])
+    return every, result
+
+
+_Base = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Rows (M, 9) of `BaseMotion` in states; of further states (K,): which stops, when, s, and rows (K, 9)."""
+
+
+def _driving_on(
+    robot: Robot, cancel: Cancel, times: np.ndarray, states: StopStates, overshoot: float
+) -> _Base:
+    profile = robot.acts.drive_profile
+    assert profile is not None
+    before, after = (profile.rows(profile.knots + side) for side in (-BESIDE, BESIDE))
+    some = np.argsort(-np.linalg.norm(after, axis=1), kind="stable")[:BASE_STEPS]
+    knots, stepped = profile.knots[some], (after + overshoot * (after - before))[some]
+    owner, number = np.nonzero(knots > times[:, None])
+    rows = profile.rows(times[states.owner] + states.after)
+    return rows, owner, (knots - times[:, None])[owner, number], stepped[number]
+
+
+def _braking(robot: Robot, cancel: Cancel, times: np.ndarray, states: StopStates, overshoot: float) -> _Base:
+    profile = robot.acts.drive_profile
+    assert profile is not None
+    v = profile.velocities.at(times, range(1))[0]
+    reach = max(np.linalg.norm(contact.position[:2]) for contact in robot.support.contacts)
+    speed = np.maximum(np.hypot(v[:, 0], v[:, 1]), reach * np.abs(v[:, 2]))  # of a wheel, if it turns alone
+    lasts = np.maximum(speed / cancel.base_deceleration, _ENDING)
+
+    def rows_at(owner: np.ndarray, after: np.ndarray) -> np.ndarray:
+        share, rows = 1 - after / lasts[owner], np.zeros((len(owner), BASE))
+        slow = -v[owner] / lasts[owner, None]
+        turning = v[owner, 2:] * share[:, None]
+        rows[:, :2] = slow[:, :2] + turning * share[:, None] * v[owner][:, [1, 0]] * [-1, 1]
+        rows[:, 5], rows[:, 8] = turning[:, 0], slow[:, 2]
+        return np.where((share > 0)[:, None], rows, 0.0)
+
+    every = np.arange(len(times))
+    begins, ends = rows_at(every, 0 * lasts), rows_at(every, (1 - _ENDING) * lasts)
+    stepped = begins + overshoot * (begins - profile.rows(times))
+    rows = np.concatenate([stepped, ends, -overshoot * ends])
+    when = np.concatenate([0 * lasts, lasts, lasts])
+    return rows_at(states.owner, states.after), np.tile(every, 3), when, rows
 
 
 @lru_cache(maxsize=8)
@@ -236,20 +326,22 @@ class CancelCheck(StopCheck):
         super().__init__(robot, cancel.GN, cancel.GT, exact, interface)
         self._cancel = cancel
 
-    def stops(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray | None = None) -> JointStops:
-        """From angles and speeds, (N, n) each; a process that varies stays what it is then, (N, 6).
+    def stops(
+        self, q: np.ndarray, qd: np.ndarray, process: np.ndarray, begun: np.ndarray | None = None
+    ) -> JointStops:
+        """From angles and speeds, (N, n) each, and what acts there, (N, size), see `meanwhile`.
 
-        Times are from the beginning of the deceleration.
+        Times are from the beginning of the deceleration, `begun` (N,), s: of a base that drives.
         """
-        states = self._cancel.states(q, qd)
-        acting = of_owner(process, states.owner)
+        begun = np.zeros(len(q)) if begun is None else begun
+        states, acting = meanwhile(self._robot, self._cancel, (begun, q, qd), process)
         torques, wrenches = self._robot.loads(states.q, states.qd, states.qdd, acting)
         if self._interface:
             wrenches = wrenches_on(self._robot, self._interface, states.q, states.qd, states.qdd, acting)
         loads = wrenches[:, None], torques[:, None]
         postures = states.q[::-1], states.owner[::-1], states.after[::-1]
         result = self._worst(q, states.owner, states.after, loads, (states.q[None], states.owner), postures)
-        np.maximum.at(result.rests, states.owner, states.after)
+        result.rests[:] = np.max(np.abs(without_creep(qd)) / self._cancel.rates(qd), axis=1)
         np.maximum.at(
             result.drives, states.owner, np.max(np.abs(torques) / self._robot.limits.torque, axis=1)
         )
@@ -277,7 +369,7 @@ def cancelled_motion(
 
     def stops(times: np.ndarray) -> JointStops:
         q, qd, _ = motion.states(times)
-        return check.stops(q, qd, acting.acting(times))
+        return check.stops(q, qd, acting.acting(times), times)
 
     times = cancel_times(motion)
     result = stops(times)

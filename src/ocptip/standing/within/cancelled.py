@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ocptip.standing.stops.by_cancel import NEAR, Cancel
+from ocptip.standing.stops.by_cancel import NEAR, Cancel, meanwhile
 from ocptip.standing.stops.joint_stops import SLOW
 from ocptip.standing.within.in_motion import EXACT, WorstInstant, worst_slip_of, worst_tip_of
 from ocptip.standing.within.late_joints import DelayedStates, Events
@@ -55,11 +55,10 @@ def _states(
     if (events.delay or events.more) and len(events.times) * NEAR < motion.end:  # else it is a recording
         starting = np.any(events.jumps & (np.abs(events.qd) < SLOW), axis=1)
         times = np.unique(np.concatenate([times, events.times, events.times[starting] + _SOON]))
-    process = acting.acting(times)
     q, qd, _ = motion.states(times)
     rate = cancel.rates(qd)
-    states = cancel.states(q, qd)
-    rows_of_states = np.hstack([states.q, states.qd, states.qdd, process[states.owner]])
+    states, acts = meanwhile(acting, cancel, (times, q, qd), acting.acting(times), events.more)
+    rows_of_states = np.hstack([states.q, states.qd, states.qdd, acts])
     since = states.after[:, None] - np.where(states.qdd != 0, 0.0, (np.abs(qd) / rate)[states.owner])
     words = [_after(after) for after in states.after.tolist()]
     delayed_states = DelayedStates(
@@ -71,20 +70,17 @@ def _states(
     stop, when = states.owner[rows], states.after[rows]
     options = _options(events, times[stop], when, rate[stop])
     if functions[0] == cases.axes:
-        rows, number = slipping(options, cases, process[stop])
+        picked, number = slipping(options, cases, acts[rows])
     else:
-        number, values = chosen_by_slopes(options, cases, process[stop], functions)
+        number, values = chosen_by_slopes(options, cases, acts[rows], functions)
         worst = np.argsort(-values, axis=0, kind="stable")[:EXACT].T  # (F, EXACT)
-        rows, number = (
-            worst.ravel(),
-            np.concatenate([number[rows_of_states, k] for k, rows_of_states in enumerate(worst)]),
-        )
-    chosen = options[rows[:, None], np.arange(options.shape[1]), number]
-    s = np.hstack(
-        [chosen[..., :3].transpose(0, 2, 1).reshape(len(rows), 3 * options.shape[1]), process[stop[rows]]]
-    )
-    step = [f"{_after(float(when[row]))}, joints delayed or overshooting" for row in rows]
-    return delayed_states.joined(DelayedStates(s, times[stop[rows]], chosen[..., 3], step))
+        picked = worst.ravel()
+        number = np.concatenate([number[some, k] for k, some in enumerate(worst)])
+    chosen = options[picked[:, None], np.arange(options.shape[1]), number]
+    joints = chosen[..., :3].transpose(0, 2, 1).reshape(len(picked), 3 * options.shape[1])
+    step = [f"{_after(float(when[row]))}, joints delayed or overshooting" for row in picked]
+    s = np.hstack([joints, acts[rows[picked]]])
+    return delayed_states.joined(DelayedStates(s, times[stop[picked]], chosen[..., 3], step))
 
 
 def _after(seconds: float) -> str:
