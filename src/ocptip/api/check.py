@@ -39,11 +39,11 @@ from ocptip.standing.within.design import Design
 from ocptip.trajectories.path_fit import path_of_motion
 from ocptip.trajectories.trajectory import Trajectory
 
-NO_STOPS = (
-    "while the base drives these are not checked: stops of the arm, also those that the task asks for "
-    "(cancels with --stops cancel, at samples), torques of wheels, obstacles at rest in the world, and sway "
-    "of elastic contacts at acceleration steps"
+_NOT_DRIVING = (
+    "while the base drives these are not checked: {}, torques of wheels, obstacles at rest in the world, and "
+    "sway of elastic contacts at acceleration steps"
 )
+_NO_STOPS = "stops of the arm, also those that the task asks for (cancels: --stops cancel, at samples)"
 STEPS = (
     "acceleration steps overshoot: of base and joints in all combinations, with delayed joints, on rigid "
     "contacts"
@@ -86,7 +86,8 @@ class Check(CheckedMotion):
             return [*self.motion.assumed, rests]
         within = self.check.within
         steps = [STEPS] if within is not None and within.tolerance.overshoot else []
-        return [*self.motion.assumed, rests, *steps, NO_STOPS]
+        left = "stops along the path and by brakes" if self.stops else _NO_STOPS
+        return [*self.motion.assumed, rests, *steps, _NOT_DRIVING.format(left)]
 
     @property
     def unproved(self) -> str:
