@@ -327,13 +327,18 @@ class CancelCheck(StopCheck):
         self._cancel = cancel
 
     def stops(
-        self, q: np.ndarray, qd: np.ndarray, process: np.ndarray, begun: np.ndarray | None = None
+        self,
+        q: np.ndarray,
+        qd: np.ndarray,
+        process: np.ndarray | None = None,
+        begun: np.ndarray | None = None,
     ) -> JointStops:
         """From angles and speeds, (N, n) each, and what acts there, (N, size), see `meanwhile`.
 
         Times are from the beginning of the deceleration, `begun` (N,), s: of a base that drives.
         """
         begun = np.zeros(len(q)) if begun is None else begun
+        process = np.empty((len(q), 0)) if process is None else process
         states, acting = meanwhile(self._robot, self._cancel, (begun, q, qd), process)
         torques, wrenches = self._robot.loads(states.q, states.qd, states.qdd, acting)
         if self._interface:
