@@ -405,7 +405,7 @@ def test_the_headline_keeps_what_is_proved_of_the_motion_beside_its_stops(task):
 def test_cancels_of_parallel_robots_are_refused(task):
     """Nothing would be checked, which must not read as safe."""
     with pytest.raises(InputError, match="cancels are not computed for parallel robots"):
-        check_stops(SimpleNamespace(), task.reference, task.limits, StopRules(), None, "cancel")
+        check_stops(SimpleNamespace(arm=None), task.reference, task.limits, StopRules(), None, "cancel")
 
 
 @pytest.mark.slow
