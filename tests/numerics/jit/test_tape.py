@@ -9,7 +9,7 @@ import pytest
 from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.jit import machine
 from ocptip.numerics.jit.native import LANES
-from ocptip.numerics.jit.tape import BLOCK, SEARCHED, WORTH, Tape
+from ocptip.numerics.jit.tape import BLOCK, QUICK, SEARCHED, WORTH, Tape
 
 UNARY = {
     "neg": lambda x: -x,
@@ -104,8 +104,8 @@ def test_machine_code_gives_the_same_bits(name, monkeypatch, tmp_path):
     x, y = cs.SX.sym("x", 3), cs.SX.sym("y", 3)
     result = UNARY[name](x) if name in UNARY else BINARY[name](x, y)
     tape = Tape(cs.Function("f", [x, y], [result, cs.dot(x, result) + 2]))
-    for lanes in (LANES, 1):
-        made, from_disk = tape.native(True, lanes), tape.native(False, lanes)
+    for lanes, effort in ((LANES, 0), (LANES, 1), (1, 1)):
+        made, from_disk = tape.native(effort, lanes), tape.native(None, lanes)
         for count in (1, 7, 8, 13, BLOCK + 3):
             inputs = np.random.default_rng(count).uniform(-3, 3, (6, count))
             inputs[:, 0], inputs[3:, -1] = 0.0, inputs[:3, -1]
@@ -128,14 +128,17 @@ def test_tapes_that_run_often_become_machine_code(monkeypatch, tmp_path):
     kept = set(tmp_path.rglob("*.code"))
     for _ in range(WORTH + 1):
         np.testing.assert_array_equal(tape(inputs), np.sin(inputs) * 3)
-        assert len(list(tmp_path.rglob("*.code"))) - len(kept) == (tape._blocks >= WORTH)
-    [file] = set(tmp_path.rglob("*.code")) - kept
+        expected = (tape._blocks >= QUICK) + (tape._blocks >= WORTH)
+        assert len(list(tmp_path.rglob("*.code"))) - len(kept) == expected
+    *quick, file = sorted(set(tmp_path.rglob("*.code")) - kept, key=lambda one: one.stat().st_mtime_ns)
     other = Tape(cs.Function("f", [x], [cs.sin(x) * 4]))  # another constant: the same code
-    assert other.native(compile_it=False) is not None
+    assert other.native(None) is not None
     np.testing.assert_array_equal([other(inputs) for _ in range(SEARCHED + 1)][-1], np.sin(inputs) * 4)
     file.write_bytes(file.read_bytes()[:-1])
-    assert other.native(compile_it=False) is None  # a torn file is no code
-    assert other.native(compile_it=True) is not None
+    assert other.native(None) is not None  # a torn file is no code, but there is the quick one
+    quick[0].unlink()
+    assert other.native(None) is None
+    assert other.native(1) is not None
     for k in range(machine.KEPT + 5):
         machine.keep_code(bytes(k), b"code")
     assert len(list(file.parent.iterdir())) == machine.KEPT
@@ -145,7 +148,7 @@ def test_a_run_of_many_states_counts_as_many_blocks(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("OCPTIP_CACHE_DIR", "")
     x = cs.SX.sym("x", 2)
-    tape, inputs = Tape(cs.Function("f", [x], [cs.sin(x) * 3])), np.ones((2, WORTH * BLOCK // 2))
+    tape, inputs = Tape(cs.Function("f", [x], [cs.sin(x) * 3])), np.ones((2, QUICK * BLOCK // 2))
     np.testing.assert_array_equal(tape(inputs), np.sin(inputs) * 3)
     assert tape._native is None
     np.testing.assert_array_equal(tape(inputs), np.sin(inputs) * 3)
@@ -158,7 +161,7 @@ def test_without_a_folder_to_write_into_code_is_made_anew(monkeypatch, tmp_path)
     (tmp_path / "file").write_text("no folder")
     x = cs.SX.sym("x", 2)
     tape = Tape(cs.Function("f", [x], [x + 1]))
-    assert tape.native(compile_it=False) is None
+    assert tape.native(None) is None
     outputs = np.zeros((2, 1))
-    tape.native(compile_it=True)(np.ones((2, 1)), tape._constants, outputs)
+    tape.native(1)(np.ones((2, 1)), tape._constants, outputs)
     assert np.all(outputs == 2)

@@ -25,13 +25,13 @@ def processor() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def target() -> llvm.TargetMachine:
-    """What LLVM generates code for."""
+def target(effort: int = 1) -> llvm.TargetMachine:
+    """What LLVM generates code for, with an effort of 0 or 1."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     name, features = processor()
     triple = llvm.Target.from_triple(llvm.get_process_triple())
-    return triple.create_target_machine(cpu=name, features=features, opt=1, jit=True)
+    return triple.create_target_machine(cpu=name, features=features, opt=effort, jit=True)
 
 
 class Library:

@@ -2,7 +2,8 @@
 
 LLVM gets one straight line of vector instructions, without licence to reorder or
 contract: results are those of the interpreter to the last bit. Compiling costs about 0.1 ms per instruction,
-so that a tape asks for it only where it has run often; a later process finds the code on disk.
+or a fifth of that for code that takes twice as long. A tape asks for the one where it has run some time, for
+the other where it has run often; a later process finds the code on disk.
 """
 
 from __future__ import annotations
@@ -66,30 +67,32 @@ class Native:
 
 
 def native(
-    instructions: Callable[[], list[Instruction]], key: bytes, compile_it: bool, lanes: int = LANES
+    instructions: Callable[[], list[Instruction]], key: bytes, effort: int | None, lanes: int = LANES
 ) -> Native | None:
     """Machine code from disk, or compiled now and put there.
 
     Args:
         instructions: of the tape.
         key: what tells it from others.
-        compile_it: else only from disk.
+        effort: 0: compiled five times as fast, and half as fast as with 1; None: only the best from disk.
         lanes: states at a time.
 
     Returns:
         None if there is none.
     """
-    key = bytes([lanes]) + key
-    code = kept_code(key)
-    if code is None and compile_it:
-        code = machine_code(instructions(), lanes)
-        keep_code(key, code)
-    return None if code is None else Native(code, lanes)
+    for kept in (1, 0)[: 2 - (effort or 0)]:
+        if code := kept_code(bytes([lanes, kept]) + key):
+            return Native(code, lanes)
+    if effort is None:
+        return None
+    code = machine_code(instructions(), lanes, effort)
+    keep_code(bytes([lanes, effort]) + key, code)
+    return Native(code, lanes)
 
 
-def machine_code(instructions: list[Instruction], lanes: int) -> bytes:
+def machine_code(instructions: list[Instruction], lanes: int, effort: int = 1) -> bytes:
     """Machine code of instructions for this processor."""
-    return target().emit_object(llvm.parse_assembly(_assembly(instructions, lanes)))
+    return target(effort).emit_object(llvm.parse_assembly(_assembly(instructions, lanes)))
 
 
 def _assembly(instructions: list[Instruction], lanes: int) -> str:

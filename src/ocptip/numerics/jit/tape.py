@@ -29,8 +29,8 @@ _Op = IntEnum(
     SIGN FMIN FMAX INV POW CONSTPOW LT LE EQ NE NOT AND OR IF_ELSE_ZERO
     """,
 )
-SEARCHED, WORTH = 3, 400
-"""Blocks after which machine code is searched on disk, and after which it is worth its compilation."""
+SEARCHED, QUICK, WORTH = 3, 60, 2000
+"""Blocks after which machine code is searched on disk, is compiled quickly, and is worth more effort."""
 
 _CODES = {getattr(cs, f"OP_{op.name}"): op for op in _Op}
 
@@ -88,7 +88,7 @@ class Tape:
         """All results (results, N) of all arguments (arguments, N)."""
         outputs = np.empty((self._size, inputs.shape[1]))
         inputs = np.ascontiguousarray(inputs)
-        if self._native is None and self._blocks < WORTH:
+        if self._blocks < WORTH:
             self._count(-(-inputs.shape[1] // BLOCK))
         if self._native is not None:
             self._native(inputs, self._constants, outputs)
@@ -100,13 +100,13 @@ class Tape:
         """Count blocks; machine code if it is time for it."""
         with self._lock:
             before, self._blocks = self._blocks, self._blocks + blocks
-            for number in (SEARCHED, WORTH):
-                if self._native is None and before < number <= self._blocks:
-                    self._native = self.native(compile_it=number == WORTH)
+            for number, effort in ((SEARCHED, None), (QUICK, 0), (WORTH, 1)):
+                if before < number <= self._blocks and (effort or self._native is None):
+                    self._native = self.native(effort)
 
-    def native(self, compile_it: bool, lanes: int = LANES) -> Native | None:
-        """Machine code from disk, or compiled if asked for."""
-        return native(self._instructions, self._code.tobytes(), compile_it, lanes)
+    def native(self, effort: int | None, lanes: int = LANES) -> Native | None:
+        """Machine code, see `native`."""
+        return native(self._instructions, self._code.tobytes(), effort, lanes)
 
     def point(self) -> tuple[np.ndarray, np.ndarray, Callable[[], None]]:
         """Machine code for thousands of states one after the other, compiled now.
@@ -114,7 +114,7 @@ class Tape:
         Returns:
             Arguments (arguments,), to be filled; results (results,); and what computes these from those.
         """
-        code = self.native(compile_it=True, lanes=1)
+        code = self.native(1, lanes=1)
         assert code is not None
         inputs, outputs = np.zeros((self._arguments, 1)), np.empty((self._size, 1))
         return inputs[:, 0], outputs[:, 0], code.bound(inputs, self._constants, outputs)
