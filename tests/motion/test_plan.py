@@ -21,7 +21,7 @@ from ocptip.certificate.checks import certified
 from ocptip.certificate.result import Certificate, Undecided
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.motion.check import check_motion
-from ocptip.motion.multi_start import FINISHED, HOPS, MultiStart, Start, plan_segment
+from ocptip.motion.multi_start import FINISHED, HOPS, MultiStart, plan_segment
 from ocptip.motion.plan import MotionPlan, plan_motion, proved
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
 from ocptip.motion.planner.jobs import Jobs, _search
@@ -259,9 +259,6 @@ class Scripted:
         motions = [motion.end for motion in self._motions(before.result.number)]
         found = self._attempt(before.result.number, motions.index(before.motion.end) + (draw[-1] % HOPS == 2))
         return dataclasses.replace(found, result=dataclasses.replace(found.result, hops=1))
-
-    def proved(self, before, prove):
-        return before
 
     def _motions(self, number):
         own = self.motions[number]
@@ -711,32 +708,27 @@ def test_a_verified_motion_that_is_not_proved_is_planned_again_a_little_tighter(
     assert search.proved(after, certified).motion is after.motion  # nothing is missing any more
 
 
-def test_the_proof_is_a_step_of_its_own(case_b, monkeypatch):
-    """Shown as the last one, after all starts and changes."""
-    progress = Progress()
-    stages: list[str] = []
-    search = MultiStart(case_b, range(1), 0, progress, certified, stages.append)
-    for stage in ("_solve_roughly", "_finish", "_hop", "_change_rise_time", "_prove_best"):
-        monkeypatch.setattr(search, stage, lambda *_: None)
-    monkeypatch.setattr(MultiStart, "best", Start(0, case_b))
-    search.run(Jobs(None), [case_b])
-    assert [call[:2] for call in progress.calls] == [(0, 3), (1, 3)]
-    assert stages == ["proving the best motion ..."]
-    MultiStart(case_b, range(1), 0, progress)
-    assert progress.calls[-1][:2] == (0, 2)
-
-
-def test_the_proofs_of_a_cycle_are_named_one_by_one(monkeypatch):
-    ramps, path = (
-        SimpleNamespace(segments=(), motion=SimpleNamespace(timing=t)) for t in (None, "of a path")
-    )
-    stages = []
-    known = {"interrupted": True, "seed": 0, "options": {}, "task": None, "seconds": 0.0}
-    cycle = SimpleNamespace(segments=(ramps, path, ramps), **known)
-    monkeypatch.setattr("ocptip.motion.plan._proved_segment", lambda plan, prove: plan)
-    monkeypatch.setattr(MotionPlan, "of_cycle", lambda *given, **how: len(stages))
-    assert proved(cycle, certified, stages.append) == 2  # along a path, what is executed is proved instead
+def test_proofs_are_named_one_by_one(monkeypatch):
+    """Those along a path are not: there what is executed is proved instead."""
+    ramps, path = (SimpleNamespace(segments=(), starts=starts) for starts in ((1,), ()))
+    parts, stages = (ramps, path, ramps), list[str]()
+    cycle = MotionPlan("cycle", *[None] * 5, seconds=1.0, interrupted=False, options={}, segments=parts)
+    monkeypatch.setattr("ocptip.motion.plan.proved_part", lambda plan, prove: plan)
+    monkeypatch.setattr(MotionPlan, "with_parts", lambda self, parts: self)
+    assert proved(cycle, certified, stages.append).seconds > 1.0
     assert stages == [f"proving segment {k} of 3 ..." for k in (1, 3)]
+
+
+def test_an_interrupt_leaves_proofs_out(monkeypatch):
+    motion = MotionPlan(None, *[None] * 2, (1,), *[None] * 2, 1.0, False, {})
+
+    def interrupted(plan, prove):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("ocptip.motion.plan.proved_part", interrupted)
+    stages = list[str]()
+    assert proved(motion, certified, stages.append).interrupted
+    assert stages == ["proving the motion ..."]
 
 
 def test_what_intervals_lack_says_which_limit_to_tighten_and_when():

@@ -24,7 +24,6 @@ from ocptip.api.methods import (
 from ocptip.api.results.plan import Plan, silent
 from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError, PlanningError, positive_number
-from ocptip.certificate.checks import certified
 from ocptip.motion.check import check_motion
 from ocptip.motion.cycles.task import Task, refuse_driving, refuse_objects
 from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest
@@ -159,11 +158,9 @@ def plan(
             )
         method = "direct"
     try:
-        direct = partial(plan_motion, task, progress=progress, prove=certified, stage=stage, **how)
+        direct = partial(plan_motion, task, progress=progress, **how)
         if task.is_cycle:
             direct = partial(direct, segment=of_segments(method, seed, stage or silent), budget=search)
-            if budget.given:  # what is run is proved after the cheaper checks
-                direct = partial(direct, prove=None)
         planned = searched(task, method, budget, search, direct, seed, stage or silent)
     except PlanningError as error:
         other = None if task.is_cycle else _without_stops(task, how, budget)
@@ -189,8 +186,8 @@ def plan(
     along_path = planned.options.get("method") == "path"
     known = {"controller": controller, "rate": rate, "rise_time": rise_time, "time_scale": time_scale}
     smooth = along_path and (method == "smooth" or (method is None and budget.given))
-    how_run = {"sensitivities": sensitivities, "stage": stage, "budget": budget, "smooth": smooth}
-    result = Plan.of(planned, **known, **how_run)
+    known |= {"jobs": jobs, "executor": executor, "sensitivities": sensitivities, "stage": stage}
+    result = Plan.of(planned, **known, budget=budget, smooth=smooth)
     if along_path or not any(one.task.limits.stoppable for one in task.segments):
         return result
     if stage:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck, cycle_check
@@ -68,6 +68,13 @@ class MotionPlan:
     def parts(self) -> tuple[MotionPlan, ...]:
         """The plans of the segments; a motion is its only segment."""
         return self.segments or (self,)
+
+    def with_parts(self, parts: Sequence[MotionPlan]) -> MotionPlan:
+        """This plan with other plans of its segments."""
+        if not self.segments:
+            return parts[0]
+        how = {"seed": self.seed, "options": self.options, "interrupted": self.interrupted}
+        return MotionPlan.of_cycle(cast(CycleTask, self.task), parts, **how, seconds=self.seconds)
 
     @property
     def complete(self) -> bool:

@@ -1,4 +1,4 @@
-"""The search for the cheapest motion of a task: many starts, then random changes, rise times and the proof.
+"""The search for the cheapest motion of a task: many starts, then random changes and rise times.
 
 The programs are not convex: Ipopt finds a local optimum near where it begins. The stages are:
 
@@ -8,7 +8,6 @@ The programs are not convex: Ipopt finds a local optimum near where it begins. T
 4. Rise times: they are no variables of the programs, so their neighbours are tried one after the other.
    Within an uncertainty with overshoot the first one is about SHORTEST over the share of the margin that is
    left at rest; twice, half and trapezoidal profiles follow while they cost less.
-5. Proof: of the best motion only.
 
 Jobs end in any order, but what begins depends on their results only. So the plan is the same for any number
 of workers.
@@ -29,7 +28,6 @@ import numpy as np
 
 from ocptip.basics.errors import PlanningError
 from ocptip.basics.interrupts import TimeIsUpError
-from ocptip.motion.check import Prove
 from ocptip.motion.choices import first_round, likely_choices, second_round
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.planner.attempt import Attempt, Rough
@@ -127,9 +125,7 @@ class MultiStart:
         task: what is to be planned.
         numbers, seed: of the starts; they decide the random motions.
         progress: called as progress(done, steps, minimum cost so far or None). A start is two steps: until
-            its promise is known, and until it has ended. A change is one, and so is the proof.
-        prove: proves the best motion; None: nothing does.
-        stage: called before the proof with what is computed.
+            its promise is known, and until it has ended. A change is one.
     """
 
     def __init__(
@@ -138,15 +134,11 @@ class MultiStart:
         numbers: range,
         seed: int,
         progress: Progress | None,
-        prove: Prove | None = None,
-        stage: Callable[[str], None] | None = None,
     ) -> None:
-        self._stage = stage
         self._task, self._numbers, self._seed = task, numbers, seed
         self._hops = 0 if task.limits.tolerance.given else len(numbers) // 2
-        self._proofs = 0 if prove is None else 1
         self._hops_begun, self._hopping = 0, deque[tuple[Start, Job[Attempt]]]()
-        self._progress, self._prove, self._done = progress, prove, -1
+        self._progress, self._done = progress, -1
         self.starts: list[Start] = []
         self._step()
 
@@ -168,11 +160,6 @@ class MultiStart:
                 break
         if self.best is not None and self._task.rise_times is None:
             self._change_rise_time(jobs, self.best)
-        if self.best is not None and self._prove is not None:
-            if self._stage:
-                self._stage("proving the best motion ...")
-            self._prove_best(jobs, self.best, self._prove)
-            self._step()
 
     def _solve_roughly(self, jobs: Jobs, dealt: list[tuple[MotionTask, int]]) -> None:
         """Know what starts promise; begin to finish those that are certain to be among the most promising."""
@@ -254,11 +241,6 @@ class MultiStart:
                 break
             best.task = next(task for task in candidates if task.rise_times == rises)
 
-    def _prove_best(self, jobs: Jobs, best: Start, prove: Prove) -> None:
-        assert best.attempt is not None
-        if proof := jobs.begin(Search.proved, best.task, best.attempt, prove).result():
-            best.attempt = proof.after(best.attempt, proof)
-
     def _better(self, start: Start, *tried: Attempt) -> Attempt:
         """The cheapest of what a start has come to and what was tried from there, with what all that took."""
         assert start.attempt is not None
@@ -269,7 +251,7 @@ class MultiStart:
         """Tell that one more step is done."""
         self._done += 1
         if self._progress:
-            steps = 2 * len(self._numbers) + self._hops + self._proofs
+            steps = 2 * len(self._numbers) + self._hops
             self._progress(self._done, steps, self.best.rank[0] if self.best else None)
 
 
@@ -281,19 +263,17 @@ def plan_segment(
     first: int = 0,
     workers: MaybeWorkers,
     progress: Progress | None = None,
-    prove: Prove | None = None,
-    stage: Callable[[str], None] | None = None,
 ) -> MotionPlan:
     """Plan one motion; see `ocptip.motion.plan.plan_motion`.
 
     Args:
-        task, starts, seed, progress, prove, stage: see there.
+        task, starts, seed, progress: see there.
         first: number of the first start: with `first=2` those follow that `starts=2` has run.
         workers: run the jobs, and end with an interrupt; None: this process does.
     """
     require_plannable(task)
     began = time.perf_counter()
-    search = MultiStart(task, range(first, first + starts), seed, progress, prove, stage)
+    search = MultiStart(task, range(first, first + starts), seed, progress)
     with one_thread:
         tasks = likely_choices(task)
     interrupted, ended = False, dict[str, str]()

@@ -100,9 +100,10 @@ def plan_motion(
 
     how = {"starts": starts, "seed": seed, "progress": progress}
     if not task.is_cycle:
-        return plan_segment(cast(MotionTask, task), **how, workers=workers(), prove=prove, stage=stage)
-    how |= {"segment": segment or _direct, "budget": budget or TimeBudget(None)}
-    plan = _planned_cycle(cast(CycleTask, task), **how, workers=workers)
+        plan = plan_segment(cast(MotionTask, task), **how, workers=workers())
+    else:
+        how |= {"segment": segment or _direct, "budget": budget or TimeBudget(None)}
+        plan = _planned_cycle(cast(CycleTask, task), **how, workers=workers)
     return plan if prove is None or plan.interrupted else proved(plan, prove, stage)
 
 
@@ -177,37 +178,39 @@ def proved(plan: MotionPlan, prove: Prove, stage: Callable[[str], None] | None =
     """A plan that was made without certificates with them, as `plan_motion` gives it; in this process.
 
     An interrupt leaves out those of the other segments of a cycle. `stage` is called with what is proved.
-    Motions without starts stay without. Of those along paths what runs them is proved, which differs.
     """
-    if not plan.segments:
-        return _proved_segment(plan, prove)
-    began, segments, interrupted = time.perf_counter(), [*plan.segments], plan.interrupted
+    began, parts, interrupted = time.perf_counter(), [*plan.parts], False
     try:
-        for k, segment in enumerate(segments):
-            if not segment.starts:
-                continue
-            if stage:
-                stage(f"proving segment {k + 1} of {len(segments)} ...")
-            segments[k] = _proved_segment(segment, prove)
+        for k, part in enumerate(parts):
+            if stage and part.starts:
+                stage(f"proving {f'segment {k + 1} of {len(parts)}' if plan.segments else 'the motion'} ...")
+            parts[k] = proved_part(part, prove)
     except KeyboardInterrupt:
         interrupted = True
     seconds = plan.seconds + time.perf_counter() - began
-    how = {"seed": plan.seed, "options": plan.options, "seconds": seconds, "interrupted": interrupted}
-    return MotionPlan.of_cycle(cast(CycleTask, plan.task), segments, **how)
+    return replace(plan.with_parts(parts), seconds=seconds, interrupted=plan.interrupted or interrupted)
 
 
-def _proved_segment(plan: MotionPlan, prove: Prove) -> MotionPlan:
-    position = next(k for k, start in enumerate(plan.starts) if start.number == plan.best)
-    before = plan.starts[position]
-    attempt = Attempt(before, plan.motion, plan.check)
-    with one_thread:
-        proof = Search(cast(MotionTask, plan.task)).proved(attempt, prove)
-    assert proof.motion is not None
-    assert proof.check is not None
-    starts = [*plan.starts]
-    starts[position] = proof.result.after(before, proof.result)
-    seconds = plan.seconds + proof.result.seconds
-    return replace(plan, motion=proof.motion, check=proof.check, starts=tuple(starts), seconds=seconds)
+@one_thread
+def proved_part(plan: MotionPlan, prove: Prove) -> MotionPlan:
+    """The plan of one motion with its certificate, solved again, tighter, where something is not proved.
+
+    Motions without starts stay as they are. Of those along paths what runs them is proved, which differs.
+    """
+    if not plan.starts or not plan.check.verified or plan.check.certificate is not None:
+        return plan
+    task, began = cast(MotionTask, plan.task), time.perf_counter()
+    plan = replace(plan, check=prove(task.robot, plan.motion, plan.check, task.limits))
+    if not plan.check.certified:
+        position = next(k for k, start in enumerate(plan.starts) if start.number == plan.best)
+        before = plan.starts[position]
+        proof = Search(task).proved(Attempt(before, plan.motion, plan.check), prove)
+        assert proof.motion is not None
+        assert proof.check is not None
+        starts = [*plan.starts]
+        starts[position] = proof.result.after(before, proof.result)
+        plan = replace(plan, motion=proof.motion, check=proof.check, starts=tuple(starts))
+    return replace(plan, seconds=plan.seconds + time.perf_counter() - began)
 
 
 class _Legs:

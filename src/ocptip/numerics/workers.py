@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from ocptip.basics.errors import InputError, OcptipError
@@ -51,6 +52,23 @@ def worker_pool(
     except BaseException:
         pool.end()
         raise
+
+
+@contextmanager
+def calls_begun(
+    executor: Executor | None, jobs: int | None, calls: int
+) -> Iterator[Callable[..., Callable[[], Any]]]:
+    """A function that begins a call and gives what waits for its result; arguments are as of `worker_pool`.
+
+    With one job the call is made in this process, when its result is asked for.
+    """
+    if executor is None and (jobs or cores()) == 1:
+        yield partial
+        return
+    with worker_pool(executor, jobs, calls) as pool:
+        yield lambda function, *arguments: pool.submit(function, *arguments).result
+        if isinstance(pool, Workers):
+            pool.end()  # what nobody has asked for
 
 
 class Workers(Executor):

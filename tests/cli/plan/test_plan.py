@@ -7,8 +7,9 @@ import json
 import os
 import re
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 from xml.etree import ElementTree
 
@@ -96,6 +97,7 @@ def planner(monkeypatch, tmp_path):
 
     monkeypatch.setattr("ocptip.api.plan.plan_motion", plan_motion)
     monkeypatch.setattr(planning, "plan_motion", plan_motion)
+    monkeypatch.setattr("ocptip.api.results.plan.calls_begun", lambda *_: nullcontext(partial))
     monkeypatch.setattr("ocptip.api.results.plan.robustness", lambda task, motion: robustness_of_c())
     monkeypatch.setattr("ocptip.api.results.plan.cancels_by_segment", lambda task, motion: cancels_of_c())
     monkeypatch.chdir(tmp_path)
