@@ -17,11 +17,11 @@ TASK = EXAMPLES / "tasks/kit_arm.toml"
 
 @pytest.fixture(scope="module")
 def chart():
-    return ocptip.chart(TASK, samples=600, payloads=[0.0, 2.0, 4.0], uncertainty="none")
+    return ocptip.chart(TASK, samples=600, levels=[0.0, 2.0, 4.0], uncertainty="none")
 
 
 def test_cells_hold_the_smallest_and_the_largest_payload_of_their_postures(chart):
-    masses, places = chart.held.masses, chart.places
+    masses, places = chart.largest.levels, chart.places
     for use in ({}, {"azimuth": False}, {"height": False}):
         cells = chart.cells(**use)
         assert sum(one.postures for one in cells) == len(chart.q) > 200
@@ -33,7 +33,7 @@ def test_cells_hold_the_smallest_and_the_largest_payload_of_their_postures(chart
 
 
 def test_reaches_are_those_of_postures(chart):
-    holds = chart.held.masses >= 4.0
+    holds = chart.largest.levels >= 4.0
     reach, sector = chart.places[:, 1], np.rint(chart.places[:, 0] / (np.pi / 4)).astype(int) % 8
     for k, (sure, best) in enumerate(
         zip(chart.reaches[2].any_posture, chart.reaches[2].best_posture, strict=True)
@@ -46,9 +46,9 @@ def test_reaches_are_those_of_postures(chart):
 def test_default_payloads_have_reaches_that_differ():
     chart = ocptip.chart(TASK, samples=600, uncertainty="none")
     rows = [one.any_posture + one.best_posture for one in chart.reaches]
-    assert chart.payloads[0] == 0
-    assert chart.robot.payload is None or chart.robot.payload.mass in chart.payloads
-    heavy = chart.payloads > np.quantile(chart.held.masses, 0.05)
+    assert chart.levels[0] == 0
+    assert chart.robot.payload is None or chart.robot.payload.mass in chart.levels
+    heavy = chart.levels > np.quantile(chart.largest.levels, 0.05)
     assert heavy.sum() >= 2
     assert len({row for row, own in zip(rows, heavy, strict=True) if own}) == heavy.sum()
 
@@ -60,9 +60,9 @@ def test_no_posture_collides_or_leaves_the_joint_limits(chart):
 
 
 def test_the_seed_decides(chart):
-    again = ocptip.chart(TASK, samples=600, payloads=[0.0, 2.0, 4.0], uncertainty="none")
+    again = ocptip.chart(TASK, samples=600, levels=[0.0, 2.0, 4.0], uncertainty="none")
     np.testing.assert_array_equal(chart.q, again.q)
-    np.testing.assert_array_equal(chart.held.masses, again.held.masses)
+    np.testing.assert_array_equal(chart.largest.levels, again.largest.levels)
     assert not np.array_equal(chart.q, ocptip.chart(TASK, samples=600, seed=1, uncertainty="none").q)
 
 
@@ -73,7 +73,7 @@ def test_text_files_and_json(tmp_path, capsys):
     text = capsys.readouterr().out
     head, *lines = text.splitlines()
     assert head.startswith(
-        "kit arm on a tripod   LOAD CHART, static, within 'workshop' uncertainty (default)"
+        "kit arm on a tripod   LOAD CHART, at rest, within 'workshop' uncertainty (default)"
     )
     assert head.endswith("of 60 postures, seed 0.")
     assert all(len(line) <= 80 for line in lines if not line.startswith("wrote"))
@@ -92,9 +92,12 @@ def test_text_files_and_json(tmp_path, capsys):
     ("options", "message"),
     [
         (["--samples", "0"], "--samples: must be >= 1, got 0"),
-        (["--payloads", "-1"], "--payloads: must be >= 0 kg"),
+        (["--levels", "-1"], "--levels: must be >= 0 kg"),
         (["--cell", "0"], "--cell: must be > 0"),
         (["--most", "-2"], "--most: must be > 0"),
+        (["--joint-speed", "-1"], "--joint-speed: must be >= 0"),
+        (["--push-height", "1"], "--push-height: needs a chart of a push"),
+        (["--speed-override", "0.5"], "--speed-override: needs joint_speed or joint_acceleration"),
     ],
 )
 def test_bad_values_are_named_as_typed(tmp_path, capsys, options, message):
@@ -110,7 +113,7 @@ def test_a_parallel_robot_has_no_chart():
 def test_payloads_on_other_bases_are_those_of_their_own_charts():
     """Ballast and foot width are changes of the task's base."""
     task = ocptip.load_task(TASK, uncertainty="none")
-    given = {"samples": 300, "payloads": [0.0], "uncertainty": "none", "most": 30.0}
+    given = {"samples": 300, "levels": [0.0], "uncertainty": "none", "most": 30.0}
     found = ocptip.chart(task, ballast=[0.0, 5.0], foot_width=[1.2], **given)
     support = task.robot.support
     places = np.array([contact.position for contact in support.contacts])
@@ -124,10 +127,10 @@ def test_payloads_on_other_bases_are_those_of_their_own_charts():
     for design, base in zip(found.designs, (support, heavy, support.varied(wide)), strict=True):
         other = ocptip.chart(replace(task, robot=task.robot.varied(support=base)), **given)
         reach = found.places[:, 1]
-        for end, payload in zip(found.edges[1][1:], design.payloads, strict=True):
-            here = other.held.masses[reach < end]
+        for end, payload in zip(found.edges[1][1:], design.levels, strict=True):
+            here = other.largest.levels[reach < end]
             assert payload == (pytest.approx(here.min(), abs=1e-9) if len(here) else None)
-    before, after, wider = (np.array(one.payloads, dtype=float) for one in found.designs)
+    before, after, wider = (np.array(one.levels, dtype=float) for one in found.designs)
     assert np.nanmax(after - before) > 0.1
     assert np.nanmax(wider - before) > 0.1
 
@@ -135,7 +138,7 @@ def test_payloads_on_other_bases_are_those_of_their_own_charts():
 def test_files_of_a_design(tmp_path, capsys):
     arguments = [str(TASK), "--samples", "200", "--tolerance", "none", "--ballast", "0", "10", "--out"]
     assert main(["chart", *arguments, str(tmp_path / "chart")]) == 0
-    assert "with kg of ballast" in capsys.readouterr().out
+    assert "by ballast [kg]" in capsys.readouterr().out
     data = json.loads((tmp_path / "chart/chart.json").read_text())
     assert [one["ballast_kg"] for one in data["designs"]] == [0.0, 10.0]
     rows = list(csv.DictReader((tmp_path / "chart/design.csv").read_text().splitlines()))
@@ -145,3 +148,26 @@ def test_files_of_a_design(tmp_path, capsys):
     assert (tmp_path / "chart/design.png").stat().st_size > 10_000
     assert main(["chart", str(TASK), "--foot-width", "-1"]) == 2
     assert "--foot-width" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("of", "unit"), [("tilt", "deg"), ("push", "N")])
+def test_charts_of_tilts_and_pushes(tmp_path, of, unit):
+    chart = ocptip.chart(TASK, of=of, samples=100, uncertainty="none")
+    data = chart.to_dict()
+    assert f"{of}_any_posture_{unit}" in data["cells"][0]
+    largest = max(cell[f"{of}_best_posture_{unit}"] for cell in data["cells"])
+    assert largest == pytest.approx(chart.values.max())
+    assert 1 < largest < data[f"largest_tried_{unit}"]
+    chart.save(tmp_path / "chart")
+    assert f"{of}_any_posture_{unit}" in (tmp_path / "chart/chart.csv").read_text().splitlines()[0]
+
+
+def test_payloads_by_speed_override_are_those_of_charts_at_such_speeds():
+    given = {"samples": 60, "levels": [0.0], "uncertainty": "none"}
+    found = ocptip.chart(TASK, joint_speed=0.2, joint_acceleration=0.4, speed_override=[0.5, 1.0], **given)
+    slower = ocptip.chart(TASK, joint_speed=0.1, joint_acceleration=0.1, **given)
+    assert found.designs[0].levels == pytest.approx(slower.within(slower.largest))
+    assert found.designs[1].levels == pytest.approx(found.within(found.largest))
+    assert "20 % of their speed and 40 % of their acceleration limits" in found.scope
+    assert "motion" not in found.to_dict()["not_covered"]
+    assert (found.values <= slower.values + 1e-9).all()

@@ -10,8 +10,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from ocptip.api.chart import LoadChart, chart
+from ocptip.api.chart import KINDS, chart
 from ocptip.api.drive import drive
+from ocptip.api.results.chart import LoadChart
 from ocptip.api.results.drive import DriveEnvelope
 from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
@@ -89,7 +90,7 @@ def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stabili
     for stage, robot in zip(stages, robots, strict=True):
         stage.rests(robot, cases)
     if not any(robot.interfaces[1:] for robot in robots):  # charts are of payloads that the gripper holds
-        stability.chart = chart(task, samples=CHART_POSTURES)
+        stability.charts = [chart(task, of=kind, samples=CHART_POSTURES) for kind in KINDS]
     return stability
 
 
@@ -200,7 +201,7 @@ class Stability:
         motion: the check of the motion, its robustness, the stops that the task asks for; None: no motion.
         cancels: safe decelerations of a cancelled controller, by segment.
         envelope: how hard the base may accelerate with the arm at the goal; None: it has no wheels.
-        chart: load chart; None: not made.
+        charts: load, tilt and push charts; empty: not made.
     """
 
     def __init__(
@@ -216,7 +217,7 @@ class Stability:
         self.motion: CheckedMotion | None = None
         self.cancels: Mapping[str, SafeDecelerations] = {}
         self.envelope: DriveEnvelope | None = None
-        self.chart: LoadChart | None = None
+        self.charts: list[LoadChart] = []
 
     def moves(self) -> None:
         """Check the motions of the folder."""

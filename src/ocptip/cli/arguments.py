@@ -136,6 +136,14 @@ BASE_DESIGN = group(
         type=float,
         default=[],
     ),
+    argument(
+        "--speed-override",
+        "F",
+        "also with joint speeds times F and joint accelerations times its square",
+        nargs="+",
+        type=float,
+        default=[],
+    ),
 )
 
 DESIGN = argument(

@@ -17,7 +17,8 @@ from ocptip.motion.stops.rules import StopRules
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.process import PATH
 from ocptip.standing.arm import Robot
-from ocptip.standing.at_rest.largest_payload import largest_payloads
+from ocptip.standing.at_rest.largest_level import largest_levels_kept
+from ocptip.standing.at_rest.raised import RaisedPayload
 from ocptip.standing.at_rest.refusals import own_refusals, posture_refusals
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.clearance import ClearanceLimit
@@ -274,8 +275,8 @@ def _possible_payload(task: MotionTask) -> str:
         return ""
     robot, results = Robot.of(robot), []
     for place, q, share in (("start", task.start, 0), ("goal", task.goal, 1)):
-        largest = largest_payloads(robot.resting(share), task.limits, q[None], robot.mass)
-        results.append((float(largest.masses[0]), place, largest.names[largest.limits[0]]))
+        largest = largest_levels_kept(RaisedPayload(robot.resting(share)), task.limits, q[None], robot.mass)
+        results.append((float(largest.levels[0]), place, largest.names[largest.limits[0]]))
     mass, place, limit = min(results)
     if mass >= held.mass:
         return ""

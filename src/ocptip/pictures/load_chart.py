@@ -10,9 +10,9 @@ import numpy as np
 
 from ocptip.pictures import style
 from ocptip.pictures.frame import new_figure, png
+from ocptip.standing.at_rest.chart_cells import ChartCell, ReachBySector
 from ocptip.standing.at_rest.drive_envelope import LARGEST, LargestManoeuvres
-from ocptip.standing.at_rest.largest_payload import ChartCell, ReachBySector
-from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, BasePayloads
+from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, SPEED, DesignLevels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -24,10 +24,12 @@ _ARC = 24  # points of a sector
 Edges = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Ends of cells: azimuth, rad, reach and height, m."""
 
+Words = tuple[str, str, str, str]
+"""Task, what is charted, its unit, and the scope."""
+
 
 def chart_picture(
-    name: str,
-    scope: str,
+    words: Words,
     edges: Edges,
     side: Sequence[ChartCell],
     plan: Sequence[ChartCell],
@@ -37,26 +39,27 @@ def chart_picture(
     """Draw a PNG from above, with reaches by azimuth, and from the side: any and the best posture.
 
     Args:
-        name, scope: for the title.
+        words: for titles.
         edges: of the cells.
         side, plan: cells of all azimuths, and of all heights.
-        reaches: of payloads.
+        reaches: of levels.
         feet: (n, 3), m: the contacts.
     """
     figure = new_figure(13.0, 5.2)
     grid = figure.add_gridspec(1, 3, width_ratios=(1.15, 1, 1))
     top = max((one.best_posture for one in side), default=0.0) or 1.0
-    image = _plan(figure.add_subplot(grid[0], projection="polar"), edges, plan, reaches, feet, top)
+    name, title, unit, scope = words
+    image = _plan(figure.add_subplot(grid[0], projection="polar"), edges, plan, reaches, feet, top, unit)
     panels = [figure.add_subplot(grid[k]) for k in (1, 2)]
-    for ax, key, title in (
+    for ax, key, head in (
         (panels[0], "any_posture", "From the side: any posture"),
         (panels[1], "best_posture", "From the side: best posture"),
     ):
         _side(ax, edges, side, key, top)
-        ax.set_title(title, loc="left", fontsize=10.5)
-    figure.colorbar(image, ax=panels, label="largest payload [kg]", shrink=0.8)
-    style.head(figure, f"{name}: load chart at rest", scope)
-    style.note(figure, "payloads [kg] of sampled postures that collide with nothing; grey: no posture")
+        ax.set_title(head, loc="left", fontsize=10.5)
+    figure.colorbar(image, ax=panels, label=f"[{unit}]", shrink=0.8)
+    style.head(figure, f"{name}: {title} [{unit}]", scope)
+    style.note(figure, f"[{unit}] of sampled postures that collide with nothing; grey: no posture")
     return png(figure)
 
 
@@ -67,8 +70,9 @@ def _plan(
     lines: Sequence[ReachBySector],
     feet: np.ndarray,
     top: float,
+    unit: str,
 ) -> Any:
-    """Payload in any posture; lines: the reach of each payload in any posture, dashed: in the best one."""
+    """Level in any posture; lines: the reach of each level in any posture, dashed: in the best one."""
     edges, reaches = ends[:2]
     values = np.full((len(reaches) - 1, len(edges) - 1), np.nan)
     for one in cells:
@@ -86,13 +90,13 @@ def _plan(
         for limits, dashes in ((one.any_posture, "-"), (one.best_posture, (0, (2, 1)))):
             reach = np.repeat([np.nan if end is None else end for end in limits], _ARC)
             line = {"color": style.MEMBERS[number % len(style.MEMBERS)], "ls": dashes, "lw": width}
-            label = f"{one.payload:.3g} kg" if dashes == "-" else None
+            label = f"{one.level:.3g} {unit}" if dashes == "-" else None
             ax.plot(turns, np.append(reach, reach[0]), **line, label=label, gid=f"reach-{number}")
     feet = feet[:, :2] - feet[:, :2].mean(axis=0)
     ax.plot(np.arctan2(feet[:, 1], feet[:, 0]), np.hypot(*feet.T), "s", color="black", ms=5, label="contacts")
     ax.set_ylim(0.0, 1.05 * max(float(reaches[-1]), float(np.hypot(*feet.T).max())))
     ax.set_title(
-        "From above: payload in any posture; lines:\nlargest reach of a payload (dashed: best posture)",
+        "From above: any posture; lines: largest\nreach of a value (dashed: best posture)",
         loc="left",
         fontsize=10.5,
     )
@@ -132,17 +136,19 @@ def _side(ax: Any, edges: Edges, cells: Sequence[ChartCell], key: str, top: floa
 _DESIGNS = {
     BALLAST: ("ballast", "ballast at the centre of mass of the base [kg]"),
     FOOT_WIDTH: ("foot width", "foot width / present width"),
+    SPEED: ("speed", "speed override"),
 }
 
 
-def design_picture(name: str, scope: str, reaches: np.ndarray, designs: Sequence[BasePayloads]) -> bytes:
-    """Draw a PNG of payloads over ballast and over foot width, one line per reach.
+def design_picture(words: Words, reaches: np.ndarray, designs: Sequence[DesignLevels]) -> bytes:
+    """Draw a PNG of levels over ballast, foot width and speed, one line per reach.
 
     Args:
-        name, scope: for the title.
+        words: for titles.
         reaches: (k + 1,), m, ends of the cells of the designs.
-        designs: of changed bases.
+        designs: of changed bases and speeds.
     """
+    name, title, unit, scope = words
     quantities = list(dict.fromkeys(design.quantity for design in designs))
     figure = new_figure(1.2 + 5.2 * len(quantities), 4.2)
     for ax, design in zip(figure.subplots(1, len(quantities), squeeze=False)[0], quantities, strict=True):
@@ -150,7 +156,7 @@ def design_picture(name: str, scope: str, reaches: np.ndarray, designs: Sequence
         values = [one.value for one in rows]
         widths = np.linspace(4.5, 1.2, len(reaches) - 1)  # lines often lie on each other
         for k, (end, width) in enumerate(zip(reaches[1:], widths, strict=True)):
-            held = np.array([one.payloads[k] for one in rows], dtype=float)
+            held = np.array([one.levels[k] for one in rows], dtype=float)
             if np.isfinite(held).any():
                 ax.plot(
                     values,
@@ -163,10 +169,15 @@ def design_picture(name: str, scope: str, reaches: np.ndarray, designs: Sequence
                     gid=f"reach-{k}",
                 )
         ax.set_ylim(bottom=0.0)
-        style.finish(ax, "Payload that all postures hold, by reach", "payload [kg]", _DESIGNS[design][1])
+        style.finish(
+            ax,
+            f"{title.capitalize()} that all postures keep, by reach",
+            f"{title} [{unit}]",
+            _DESIGNS[design][1],
+        )
     varied = " and ".join(_DESIGNS[design][0] for design in quantities)
-    style.head(figure, f"{name}: payload by {varied}", scope)
-    style.note(figure, f"from the payload on the left to a line, then down: the {varied} that holds it")
+    style.head(figure, f"{name}: {title} by {varied}", scope)
+    style.note(figure, f"from the {title} on the left to a line, then down: the {varied} that keeps it")
     return png(figure)
 
 

@@ -44,7 +44,7 @@ def test_page_of_a_task_stands_alone_and_lists_its_cases(tmp_path, capsys, cases
     assert not re.search(r"(src|href)=['\"](?!data:)", page)
     table = page[page.index("<h2>Load cases") : page.index("<h2>Tilt by direction")]
     assert re.findall("<td[^>]*>(yes|NO)<", table) == ["NO", "NO", "yes", "yes"]  # the worst first
-    assert page.count("<figure") == 3  # machine, tilts, load chart
+    assert page.count("<figure") == 5  # machine, tilts, three charts
     for words in (
         "SN&nbsp;&lt;7&gt;",
         "J.&nbsp;Doe",

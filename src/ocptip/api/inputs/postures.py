@@ -18,8 +18,9 @@ from ocptip.numerics.bisection import border
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
-from ocptip.standing.at_rest.largest_payload import LARGEST_TRIED, largest_payloads
+from ocptip.standing.at_rest.largest_level import largest_levels_kept, largest_tried
 from ocptip.standing.at_rest.load_cases import RestLoads
+from ocptip.standing.at_rest.raised import RaisedPayload
 from ocptip.standing.at_rest.refusals import own_refusals
 from ocptip.standing.at_rest.sensitivity import (
     Reserves,
@@ -73,7 +74,9 @@ class LargestPayload:
 
 def _mass_text(mass: float, limit: str) -> str:
     text = quantity(mass, "kg", 3)
-    return f">= {text}, more is not tried" if limit == LARGEST_TRIED else f"{text} ({limit} decides)"
+    return (
+        f">= {text}, more is not tried" if limit == largest_tried("payload") else f"{text} ({limit} decides)"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,8 +181,8 @@ class RestingPosture:
         no_drives = replace(limits, torque_ratio=_NO_LIMIT)
         results = []
         for limit_set in (limits, no_drives):
-            largest = largest_payloads(robot, limit_set, self.q[None], robot.mass)
-            results += [float(largest.masses[0]), largest.names[largest.limits[0]]]
+            largest = largest_levels_kept(RaisedPayload(robot), limit_set, self.q[None], robot.mass)
+            results += [float(largest.levels[0]), largest.names[largest.limits[0]]]
         return LargestPayload(*results)
 
     @property

@@ -1,4 +1,4 @@
-"""`ocptip chart`: load charts of a robot at rest, as text, files and a figure."""
+"""`ocptip chart`: load, tilt and push charts of a robot, as text, files and a figure."""
 
 from __future__ import annotations
 
@@ -8,28 +8,37 @@ from itertools import pairwise
 
 import numpy as np
 
-from ocptip.api.chart import NOT_COVERED, LoadChart, chart
+from ocptip.api.chart import chart
+from ocptip.api.results.chart import LoadChart
 from ocptip.api.tasks import load_task
 from ocptip.basics.text import quantity, table
 from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import masses, named, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
-from ocptip.standing.within.design import BALLAST, FOOT_WIDTH
+from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, SPEED
 
 _COLUMNS = 8  # of a table of 80 characters
-_MANY = 100.0  # kg: payloads from here on are shown without decimals
+_MANY = 100.0  # levels from here on are shown without decimals
 _NOISE = 1e-9
+_DESIGNS = {
+    BALLAST: "by ballast [kg]",
+    FOOT_WIDTH: "by foot width / present width",
+    SPEED: "by speed override",
+}
 
 
 def run(options: Namespace) -> ChartReport:
     """Compute the charts of one task."""
     require_least(options, samples=1, seed=0, sectors=1)
     task = load_task(options.task)
-    folder = output_directory(options, task.name)
-    with naming_options("payloads", "cell", "most", "ballast", "foot_width"):
-        same = taken(options, "samples seed payloads sectors cell most ballast foot_width")
-        load_chart = chart(task, uncertainty=given_tolerance(options), **same)
-    return ChartReport(load_chart, folder, not options.no_figures, yes=bool(load_chart.held.unloaded.any()))
+    folder = output_directory(options, task.name + f"-{options.of}" * (options.of != "payload"))
+    same = "of push_height joint_speed joint_acceleration levels cell most ballast foot_width speed_override"
+    with naming_options(*same.split()):
+        given = taken(options, f"samples seed sectors {same}")
+        load_chart = chart(task, uncertainty=given_tolerance(options), **given)
+    return ChartReport(
+        load_chart, folder, not options.no_figures, yes=bool(load_chart.largest.kept_at_zero.any())
+    )
 
 
 @dataclass
@@ -39,17 +48,25 @@ class ChartReport(FolderReport):
     result: LoadChart
 
     def to_text(self) -> str:
-        """The side view, the reaches by azimuth, and what limits the payload."""
+        """The side view, the reaches by azimuth, and what limits the level."""
         result = self.result
-        lines = [f"{result.name}   LOAD CHART, {result.scope}.", ""]
+        title, unit = result.raised.title, result.raised.unit
+        head = "LOAD" if result.raised.name == "payload" else result.raised.name.upper()
+        lines = [f"{result.name}   {head} CHART, {result.scope}.", ""]
         if len(result.q):
-            for key, title in (("any_posture", "in any posture"), ("best_posture", "in the best posture")):
-                lines += [f"Largest payload [kg] {title}, by height and reach [m]", *self._side(key), ""]
-            for key, title in (("any_posture", "in any posture"), ("best_posture", "in the best posture")):
-                lines += [f"Largest reach [m] {title}, by azimuth [deg]", *self._reaches(key), ""]
-            for key, unit in ((BALLAST, "kg of ballast"), (FOOT_WIDTH, "times the foot width")):
+            for key, posture in (("any_posture", "in any posture"), ("best_posture", "in the best posture")):
+                lines += [
+                    f"{title.capitalize()} [{unit}],",
+                    f"{posture}, by height and reach [m]",
+                    *self._side(key),
+                    "",
+                ]
+            for key, posture in (("any_posture", "in any posture"), ("best_posture", "in the best posture")):
+                lines += [f"Largest reach [m] {posture}, by azimuth [deg]", *self._reaches(key), ""]
+            for key, words in _DESIGNS.items():
                 if any(one.quantity == key for one in result.designs):
-                    title = f"Payload [kg] that all postures up to a reach [m] hold, with {unit}"
+                    name = result.raised.name.capitalize()
+                    title = f"{name} [{unit}] that all postures up to a reach [m] keep, {words}"
                     lines += [title, *self._designs(key), ""]
             lines += named(self._notes())
         else:
@@ -79,7 +96,7 @@ class ChartReport(FolderReport):
             rows = [["", *(f"to {end:.4g}" for end in ends[part])]]
             for one in result.designs:
                 if one.quantity == quantity:
-                    rows.append([f"{one.value:.4g}", *map(_rounded_down, one.payloads[part])])
+                    rows.append([f"{one.value:.4g}", *map(_rounded_down, one.levels[part])])
             lines += table(rows, left=(0,))
         return lines
 
@@ -89,37 +106,39 @@ class ChartReport(FolderReport):
         lines = []
         for begin in range(0, len(middles), _COLUMNS):
             part = slice(begin, begin + _COLUMNS)
-            rows = [["payload", *(f"{middle:.4g}" for middle in middles[part])]]
+            rows = [[result.raised.name, *(f"{middle:.4g}" for middle in middles[part])]]
             for one in result.reaches:
-                rows.append([quantity(one.payload, "kg", 3), *map(_metres, getattr(one, key)[part])])
+                rows.append(
+                    [quantity(one.level, result.raised.unit, 3), *map(_metres, getattr(one, key)[part])]
+                )
             lines += table(rows, left=(0,))
         return lines
 
     def _notes(self) -> list[tuple[str, str]]:
         result, robot = self.result, self.result.robot
-        names, counts = np.unique(result.held.limits, return_counts=True)
+        names, counts = np.unique(result.largest.limits, return_counts=True)
         order = np.argsort(-counts)
-        shares = [f"{100 * counts[k] / len(result.q):.0f} % {result.held.names[names[k]]}" for k in order]
+        shares = [f"{100 * counts[k] / len(result.q):.0f} % {result.largest.names[names[k]]}" for k in order]
         shares = [share for share in shares if not share.startswith("0 %")]
         limits = [", ".join(shares[k : k + 2]) for k in range(0, len(shares), 2)]
         rows = under("limited by", [*limits, "(per cent of the postures)"])
         if result.broken:
-            rows.append(("note", f"{result.broken} postures break a limit without any payload: 0 kg"))
+            rows.append(("note", f"{result.broken} postures break a limit without any {result.raised.name}"))
         tolerance = result.limits.tolerance
         rows += under("uncertainty", tolerance.lines() if self.verbose else [])
         rows += [("robot", masses(robot))] if self.verbose else []
-        rows.append(("not covered", ", ".join(NOT_COVERED)))
+        rows.append(("not covered", ", ".join(result.not_covered)))
         if result.ignored:
-            rows += under("", [f"at rest: {one}" for one in result.ignored])
+            rows += under("", result.ignored)
         return rows
 
 
-def _rounded_down(mass: float | None) -> str:
-    """A payload, kg: a load chart must not promise more than there is; a dot: no posture."""
-    if mass is None:
+def _rounded_down(level: float | None) -> str:
+    """A level: a chart must not promise more than there is; a dot: no posture."""
+    if level is None:
         return "."
-    digits = 1 if mass < _MANY else 0
-    return f"{np.floor(mass * 10**digits + _NOISE) / 10**digits:.{digits}f}"
+    digits = 1 if level < _MANY else 0
+    return f"{np.floor(level * 10**digits + _NOISE) / 10**digits:.{digits}f}"
 
 
 def _metres(reach: float | None) -> str:

@@ -147,20 +147,49 @@ COMMANDS = (
     ),
     Command(
         "chart",
-        "load charts: the largest payload over reach, height and azimuth",
-        "Samples postures at rest and computes the largest payload in each, so that no contact is lost and "
-        "joints hold it. Writes load charts as cranes have them: text, JSON, CSV and a figure. Motion is not "
-        "covered.",
-        "0 charted, 1 no sampled posture keeps the limits without payload",
+        "load, tilt and push charts over reach, height and azimuth",
+        "Samples postures and computes in each the largest payload, tilt of the floor or push that keeps all "
+        "contacts and limits, at rest or with joints that move. Writes charts as cranes have them: text, "
+        "JSON, CSV and a figure.",
+        "0 charted, 1 no sampled posture keeps the limits at zero",
         (
             argument("task", "A..H|TASK.toml", "a published case, or the task file of an arm"),
+            argument(
+                "--of",
+                None,
+                "what is charted: payload, tilt of the floor or push along it, any direction "
+                "(default: payload)",
+                choices=("payload", "tilt", "push"),
+                default="payload",
+            ),
+            argument(
+                "--push-height",
+                "M",
+                "the push acts at this height above the lowest contact, m (default: at the TCP)",
+                type=float,
+            ),
+            argument(
+                "--joint-speed",
+                "X",
+                "every joint moves in any direction at up to X times its speed limit (default: 0)",
+                type=float,
+                default=0.0,
+            ),
+            argument(
+                "--joint-acceleration",
+                "X",
+                "every joint accelerates in any direction at up to X times its limit (default: 0)",
+                type=float,
+                default=0.0,
+            ),
             argument("--samples", "N", "postures that are drawn (default: 10000)", type=int, default=10_000),
             SEED,
             TOLERANCE,
             argument(
-                "--payloads",
-                "KG",
-                "payloads of the reaches, kg (default: the task's, and what 90 to 10 %% of postures hold)",
+                "--levels",
+                "L",
+                "values of the reaches by azimuth, kg, deg or N (default: zero, the task's payload, and what "
+                "90 to 10 %% of postures keep)",
                 nargs="+",
                 type=float,
             ),
@@ -168,8 +197,9 @@ COMMANDS = (
             argument("--cell", "M", "size of the cells of reach and height, m", type=float),
             argument(
                 "--most",
-                "KG",
-                "largest payload that is tried (default: ten times the task's, else the robot's mass)",
+                "L",
+                "largest value that is tried, kg, deg or N (default: ten times the task's payload, else the "
+                "robot's mass; 60 deg; twice the base's weight)",
                 type=float,
             ),
             BASE_DESIGN,

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.api.chart import NOT_COVERED
 from ocptip.api.report import SPEEDS, Stability, Stage, report
+from ocptip.api.results.chart import NOT_COVERED
 from ocptip.api.results.drive import ASSUMED
 from ocptip.basics.errors import naming
 from ocptip.basics.outputs import SUMS, read_sums, require_replaceable_file
@@ -176,8 +176,8 @@ class DocumentReport(Report):
         decides = "" if about.given_cases else "; these usual cases do not decide the verdict"
         counted = f"{len(about.cases) - len(fallen)} of {len(about.cases)} stable"
         rows.append(("Load cases", f"{counted}{first}{decides}"))
-        if about.chart is not None:
-            rows.append(("Load chart", f"{about.chart.summary}; {about.chart.scope}"))
+        for chart in about.charts[:1]:
+            rows.append(("Load chart", f"{chart.summary}; {chart.scope}"))
         if about.folder is not None:
             name, digest = next(iter(read_sums(about.folder.path).items()))
             rows.append((f"SHA-256 of {name}", digest))
@@ -334,10 +334,11 @@ class DocumentReport(Report):
             )
             lightest = min(drives) if drives else None
             yield picture(payload_figure(times, held, lightest), "What the gripper may hold, at rest.")
-        if (chart := self.about.chart) is not None:
-            yield heading("Load chart")
+        if self.about.charts:
+            yield heading("Load, tilt and push charts")
             yield paragraph(f"Not covered: {', '.join(NOT_COVERED)}. More by 'ocptip chart'.")
-            yield image(chart.picture(), f"Largest payload at rest: {chart.scope}.")
+        for chart in self.about.charts:
+            yield image(chart.picture(), f"{chart.raised.title.capitalize()}: {chart.scope}.")
 
     def _tests(self, written: Collection[str]) -> Iterator[str]:
         """Tests with those of their sections that are written."""

@@ -20,28 +20,29 @@ _CLOSE = 1.002  # ratio of the ends at which the bisection ends
 _LOST = 1 - 1e-9
 
 
-BALLAST, FOOT_WIDTH = "ballast_kg", "foot_width_factor"
+BALLAST, FOOT_WIDTH, SPEED = "ballast_kg", "foot_width_factor", "speed_override"
 
 
 @dataclass(frozen=True)
-class BasePayloads:
-    """What a robot holds on a changed base.
+class DesignLevels:
+    """What a robot holds, resists or stands on with another base, or at another speed.
 
     Attributes:
-        quantity: that differs: `BALLAST`, kg at the centre of mass of the base, or `FOOT_WIDTH`, a factor on
-            the distances of the contacts from their middle.
+        quantity: that differs: `BALLAST`, kg at the centre of mass of the base, `FOOT_WIDTH`, a factor on
+            the distances of the contacts from their middle, or `SPEED`, a factor on the speeds of the joints,
+            whose square is that on their accelerations.
         value: of it.
-        payloads: kg, by cells of the reach: what all postures up to the end of the cell hold; None: there is
-            no posture.
+        levels: kg, deg or N, by cells of the reach: what all postures up to the end of the cell keep; None:
+            there is no posture.
     """
 
     quantity: str
     value: float
-    payloads: tuple[float | None, ...]
+    levels: tuple[float | None, ...]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
-        return {self.quantity: self.value, "payload_up_to_reach_kg": list(self.payloads)}
+    def to_dict(self, name: str, unit: str) -> dict[str, Any]:
+        """Plain data for JSON; the name and the unit of the levels are part of a key."""
+        return {self.quantity: self.value, f"{name}_up_to_reach_{unit}": list(self.levels)}
 
 
 class LoadedBase(Protocol):

@@ -41,6 +41,7 @@ class Deviations:
         intervals: numbers of those that are intervals.
         places: slices of theta by name.
         carried: the object of an interface other than the base.
+        tilt: rad, of the floor, one or of N states (N, 1).
     """
 
     def __init__(self, robot: Robot, tolerance: Uncertainty, interface: int = 0) -> None:
@@ -81,6 +82,13 @@ class Deviations:
         other._nominal[:, self.places["gravity"]] = gravity - self.robot.support.gravity
         return other
 
+    def tilted(self, more: np.ndarray) -> Deviations:
+        """The same of N states whose floor may have a further tilt (N,), rad."""
+        _ = self.wrench, self._first  # made once, they serve all copies
+        other = copy(self)
+        other.tilt = self.tolerance.tilt + more[:, None]
+        return other
+
     def some(self, rows: np.ndarray) -> Deviations:
         """The same of some of the N states of `loaded` or `moving`; nothing else is of certain states."""
         if self._nominal is None:
@@ -102,6 +110,7 @@ class Deviations:
         self.tolerance, ends = tolerance.of(held), self._ends(tolerance)
         self._nominal: np.ndarray | None = None
         self._gravity: np.ndarray = self.robot.support.gravity
+        self.tilt: np.ndarray = np.full((1, 1), self.tolerance.tilt)
         self.low, self.high = np.zeros(self.size), np.zeros(self.size)
         for name, place in self.places.items():
             if name in ends:
@@ -262,7 +271,7 @@ class Deviations:
                 theta[:, self.places[name]] = -most * _unit(slopes[:, self.places[name]])
         if "gravity" in self.places:
             place = self.places["gravity"]
-            theta[:, place] += least_tilt(slopes[:, place], self._gravity, self.tolerance.tilt)
+            theta[:, place] += least_tilt(slopes[:, place], self._gravity, self.tilt)
         return theta
 
     def missed(
@@ -352,14 +361,15 @@ _FREE = ("gravity", "push", "base_push")
 _MASSES = {"base_mass": "base mass", "arm_mass": "link", "payload_mass": "payload"}
 
 
-def least_tilt(b: np.ndarray, gravity: np.ndarray, tilt: float) -> np.ndarray:
-    """Changes (N, 3) of gravity (3,) or (N, 3) within a tilt, rad, that make b (N, 3) . gravity minimal."""
+def least_tilt(b: np.ndarray, gravity: np.ndarray, tilt: float | np.ndarray) -> np.ndarray:
+    """Changes (N, 3) of gravity (3,) or (N, 3) within a tilt, rad, or tilts (N, 1), that make
+    b (N, 3) . gravity minimal."""
     size = np.linalg.norm(gravity, axis=-1, keepdims=True)
     down = gravity / np.maximum(size, 1e-300)
     wanted = -_unit(b)
     along = np.sum(wanted * down, axis=1)
     side = wanted - along[:, None] * down
-    angle = np.minimum(np.arctan2(np.linalg.norm(side, axis=1), along), tilt)[:, None]
+    angle = np.minimum(np.arctan2(np.linalg.norm(side, axis=1), along)[:, None], tilt)
     return size * ((np.cos(angle) - 1) * down + np.sin(angle) * _unit(side))
 
 

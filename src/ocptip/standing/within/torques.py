@@ -31,6 +31,7 @@ def maximum_torques(
     qdd: np.ndarray,
     acting: np.ndarray,
     payload: float | np.ndarray = 1.0,
+    tilt: float | np.ndarray = 0.0,
 ) -> np.ndarray:
     """(N, n): upper bounds of the absolute values of the torques, N m or N.
 
@@ -40,6 +41,7 @@ def maximum_torques(
         q, qd, qdd: (N, n) states.
         acting: (N, k) what acts; see `StandingMechanism.acting`.
         payload: factor of the payload's mass, or one per state, (N,).
+        tilt: rad, by which the floor may be tilted besides, or one per state, (N, 1).
     """
     uncertainty_of_payload, arm = tolerance.of(robot.payload), robot.arm.without_process
     pressed, base = robot.acts.split(acting)
@@ -72,14 +74,15 @@ def maximum_torques(
     level, pull = np.tensordot(gravity, pulls, axes=1), np.moveaxis((pulls @ mean)[..., 0], 0, -1)
     along, reach = pull @ gravity, size * np.linalg.norm(pull, axis=2)
     across = np.linalg.norm(np.cross(pull, gravity), axis=2)
-    spread = size * uncertainty_of_payload.tilt * (np.linalg.norm(pulls, axis=0) @ half)[..., 0]
+    tilt = tilt + uncertainty_of_payload.tilt
+    spread = size * tilt * (np.linalg.norm(pulls, axis=0) @ half)[..., 0]
     spread += uncertainty_of_payload.push * np.linalg.norm(push, axis=2) + loose
     values = np.zeros(q.shape)
     for factor, moving in motions:
         nominal = (moving @ mean)[..., 0] + factor * arm.armature * qdd + process
         more = spread + (np.abs(moving + level) @ half)[..., 0]
         for sign in (1.0, -1.0):
-            tilted = np.maximum(np.arctan2(across, sign * along) - uncertainty_of_payload.tilt, 0.0)
+            tilted = np.maximum(np.arctan2(across, sign * along) - tilt, 0.0)
             values = np.maximum(values, sign * nominal + reach * np.cos(tilted) + more)
     if arm.payload is not None and any(uncertainty_of_payload.payload_center):
         box = np.asarray(uncertainty_of_payload.payload_center)

@@ -115,6 +115,15 @@ class WorstCase:
         other.deviations = self.deviations.on_slopes(gravity)
         return other
 
+    def tilted(self, more: np.ndarray) -> WorstCase:
+        """The worst case of N states whose floor may have a further tilt (N,), rad.
+
+        For `moments` and `least` of exactly these states.
+        """
+        other = copy(self)
+        other.deviations = self.deviations.tilted(more)
+        return other
+
     def up_to(self, GT: float) -> WorstCase:
         """The worst case where no friction utilisation is searched that half spaces show to be below GT."""
         other = copy(self)

@@ -14,7 +14,8 @@ from ocptip.reserves.slip import Slip
 from ocptip.robots.collision.gaps import random_postures
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
-from ocptip.standing.at_rest.largest_payload import largest_payloads
+from ocptip.standing.at_rest.largest_level import largest_levels_kept
+from ocptip.standing.at_rest.raised import RaisedPayload
 from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import NONE, PRESETS, Uncertainty
 from ocptip.standing.within.torques import maximum_torques
@@ -52,9 +53,9 @@ def loaded(robot, mass):
 def test_tipping_by_hand_with_one_slewing_joint():
     """Moments of all weights about each edge of the triangle keep M0 (1 / GN - 1)."""
     turns = np.linspace(-3, 3, 40)[:, None]
-    found = largest_payloads(crane(0, 1), Limits(GN=0.8), turns, 100.0)
+    found = largest_levels_kept(RaisedPayload(crane(0, 1)), Limits(GN=0.8), turns, 100.0)
     need = 30.0 * (1 / 0.8 - 1)
-    for turn, mass, limit in zip(turns[:, 0], found.masses, found.limits, strict=True):
+    for turn, mass, limit in zip(turns[:, 0], found.levels, found.limits, strict=True):
         out = np.array([np.cos(turn), np.sin(turn), 0.0])
         allowed = {"largest payload tried": 100.0}
         for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -71,20 +72,20 @@ def test_tipping_by_hand_with_one_slewing_joint():
 
 def test_the_torque_by_hand_with_one_luffing_joint():
     turns = np.linspace(-1.5, 1.5, 21)[:, None]
-    found = largest_payloads(crane(-1, 0), Limits(GN=1.0, torque_ratio=0.5), turns, 1e3)
+    found = largest_levels_kept(RaisedPayload(crane(-1, 0)), Limits(GN=1.0, torque_ratio=0.5), turns, 1e3)
     by_torque = (0.5 * 60 / (GRAVITY * np.cos(turns[:, 0])) - 3 * 0.4) / 0.9
     own = [found.names[k] == "torque of slew" for k in found.limits]
     assert sum(own) > 5
-    np.testing.assert_allclose(found.masses[own], by_torque[own], rtol=1e-9)
-    assert (found.masses <= by_torque * (1 + 1e-9)).all()
+    np.testing.assert_allclose(found.levels[own], by_torque[own], rtol=1e-9)
+    assert (found.levels <= by_torque * (1 + 1e-9)).all()
 
 
 def test_torques_of_pinocchio_are_at_their_limits(kit):
     robot, _, limits = kit
     q = random_postures(robot.arm, 12)
-    found = largest_payloads(robot, replace(limits, tolerance=NONE), q, 50.0)
+    found = largest_levels_kept(RaisedPayload(robot), replace(limits, tolerance=NONE), q, 50.0)
     checked = 0
-    for posture, mass, limit in zip(q, found.masses, found.limits, strict=True):
+    for posture, mass, limit in zip(q, found.levels, found.limits, strict=True):
         if found.names[limit].startswith("torque"):
             arm, still = loaded(robot, mass).arm, np.zeros(robot.n)
             support, none = robot.support, np.zeros(3)
@@ -108,13 +109,13 @@ def test_limits_are_kept_just_below_and_broken_just_above(kit, name, count):
         robot = robot.varied(support=heavier(robot.support, 6.0))
     limits = replace(limits, tolerance=PRESETS[name])
     q = random_postures(robot.arm, count)
-    found = largest_payloads(robot, limits, q, 60.0)
-    assert found.unloaded.sum() > count // 2
+    found = largest_levels_kept(RaisedPayload(robot), limits, q, 60.0)
+    assert found.kept_at_zero.sum() > count // 2
     assert len(set(found.limits)) > 1
-    for k in np.flatnonzero(found.unloaded & (found.masses < 60.0)):
+    for k in np.flatnonzero(found.kept_at_zero & (found.levels < 60.0)):
         uses = []
         for factor in (1 - 1e-6, 1 + 1e-6):
-            own = loaded(robot, factor * found.masses[k])
+            own = loaded(robot, factor * found.levels[k])
             posture = RestingPosture.of("robot", "given", own, q[k], limits)
             state = ocptip.stand(posture, uncertainty=limits.tolerance)
             torques = np.abs(posture.instant.torques[0]) / robot.limits.torque
@@ -148,7 +149,9 @@ def test_a_lighter_base_never_holds_more(lighter, tilt, share):
     limits = replace(limits, tolerance=Uncertainty(tilt=tilt, payload_mass=share, arm_mass=share))
     q = random_postures(robot.arm, 20)
     masses = [
-        largest_payloads(robot.varied(support=heavier(robot.support, f)), limits, q, 50.0).masses
+        largest_levels_kept(
+            RaisedPayload(robot.varied(support=heavier(robot.support, f))), limits, q, 50.0
+        ).levels
         for f in (1.0, lighter)
     ]
     assert (masses[1] <= masses[0] + 1e-9).all()
@@ -161,20 +164,20 @@ def test_facets_of_the_friction_cone_are_near_what_bisection_finds(kit, monkeypa
     robot = robot.varied(support=heavier(robot.support, 10.0).varied(contacts))
     limits = replace(limits, tolerance=Uncertainty(tilt=0.08, push=15.0, payload_mass=0.1))
     q = random_postures(robot.arm, 6)
-    by_facets = largest_payloads(robot, limits, q, 8.0)
+    by_facets = largest_levels_kept(RaisedPayload(robot), limits, q, 8.0)
     monkeypatch.setattr(Slip, "half_spaces", lambda *_: None)
-    exact = largest_payloads(robot, limits, q, 8.0)
+    exact = largest_levels_kept(RaisedPayload(robot), limits, q, 8.0)
     slips = [found.names[k] == "friction" for found in (by_facets, exact) for k in found.limits]
     assert any(slips)
-    assert (by_facets.masses <= exact.masses + 1e-6).all()
+    assert (by_facets.levels <= exact.levels + 1e-6).all()
 
 
 def test_postures_that_break_a_limit_without_payload_hold_nothing():
-    found = largest_payloads(crane(0, 1), Limits(GN=0.12), np.array([[0.0], [1.0]]), 10.0)
-    assert not found.unloaded.any()
-    assert (found.masses == 0).all()
+    found = largest_levels_kept(RaisedPayload(crane(0, 1)), Limits(GN=0.12), np.array([[0.0], [1.0]]), 10.0)
+    assert not found.kept_at_zero.any()
+    assert (found.levels == 0).all()
 
 
 def test_without_postures_there_is_nothing_to_hold():
-    found = largest_payloads(crane(0, 1), Limits(), np.empty((0, 1)), 10.0)
-    assert len(found.masses) == 0
+    found = largest_levels_kept(RaisedPayload(crane(0, 1)), Limits(), np.empty((0, 1)), 10.0)
+    assert len(found.levels) == 0
