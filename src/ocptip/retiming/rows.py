@@ -270,23 +270,35 @@ class TimingLimits:
             of_base, block = places.base.half_planes(self.base, wrenches[0])
             names += of_base
             blocks.append(block)
-        for name, interface, rows in self._cones:
-            names += [name] * len(rows)
-            block, scaled = np.empty((3, len(places), len(rows))), rows.T / self._units[interface]
-            for part, weights, out in zip(wrenches[interface], (scaled, scaled, -scaled), block, strict=True):
-                np.matmul(part, weights, out=out)
-            blocks.append(block)
-        if self._affine:
-            still = np.zeros(len(places))
-            instants = places.instants(still, still)
-            slopes = places.slopes(instants, still, still)
-            for limit in self._affine:
-                block = _both_sides(
-                    limit, limit.rows(slopes, np.ones((len(places), limit.width), dtype=bool)), len(places)
-                )
-                names += [limit.name] * block.shape[2]
-                blocks.append(block)
-        return HalfPlanes(tuple(names), *np.concatenate(blocks, axis=2))
+        # Cones of objects have ten thousand rows, which take longer to copy than to compute.
+        begin = sum(block.shape[2] for block in blocks)
+        names += [name for name, _, rows in self._cones for _ in rows]
+        end = begin + sum(len(rows) for *_, rows in self._cones)
+        others = self._affine_rows(places)
+        names += [limit.name for limit, block in others for _ in range(block.shape[2])]
+        planes = np.empty((3, len(places), len(names)))
+        np.concatenate(blocks, axis=2, out=planes[:, :, :begin])
+        if others:
+            np.concatenate([block for _, block in others], axis=2, out=planes[:, :, end:])
+        for _, interface, rows in self._cones:
+            end, scaled = begin + len(rows), rows.T / self._units[interface]
+            for part, weights, out in zip(
+                wrenches[interface], (scaled, scaled, -scaled), planes, strict=True
+            ):
+                np.matmul(part, weights, out=out[:, begin:end])
+            begin = end
+        return HalfPlanes(tuple(names), *planes)
+
+    def _affine_rows(self, places: Places) -> list[tuple[Limit, np.ndarray]]:
+        if not self._affine:
+            return []
+        still, every = np.zeros(len(places)), len(places)
+        slopes = places.slopes(places.instants(still, still), still, still)
+        masks = [np.ones((every, limit.width), dtype=bool) for limit in self._affine]
+        return [
+            (limit, _both_sides(limit, limit.rows(slopes, mask), every))
+            for limit, mask in zip(self._affine, masks, strict=True)
+        ]
 
     def tangents(self, places: Places, u: np.ndarray, x: np.ndarray) -> Tangents:
         """Tangents of the curved limits, where their use is near 1 or more, at u and x (P,)."""
