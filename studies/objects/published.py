@@ -35,7 +35,8 @@ UNCERTAINTY = Uncertainty(
     friction=0.1, payload_mass=0.05, payload_center=(2e-3,) * 3, tilt=np.radians(0.5), speed=0.02
 )
 INSET, NODES = 0.005, 50  # m; intervals of a timing
-UPRIGHT = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])  # the gripper points forward: up is against its x axis
+UPRIGHT = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])  # the gripper points forward, up is against its x
+WITHIN = {"GN_worst_case": 0.93, "GT_worst_case": 0.93}  # of timings: a proof needs some room below 1
 TRAY = 0.16  # m, gripper axes: its middle
 HEAD = (
     "scene", "objects", "friction", "without regard [s]", "lost", "timed [s]", "critical",
@@ -108,7 +109,7 @@ def rows(names: list[str]) -> Iterator[list[str]]:
         free = retime(robot.varied(objects=()), path, nominal, nodes=NODES)
         kept = predicted_objects((Part(robot, free.motion),))
         began = time.process_time()
-        found = retime(robot, path, task.limits, nodes=NODES)
+        found = retime(robot, path, replace(task.limits, **WITHIN), nodes=NODES)
         took, began = time.process_time() - began, time.process_time()
         worst, within = found.check.worst, found.check.within
         assert found.check.verified, found.check.violations
@@ -140,9 +141,10 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     lines = [
         "# Published arrangements of objects", "",
-        f"`studies.objects.published`; {software(versions(('numpy',)))}; {UNCERTAINTY}. \"Without regard\" is "
-        "timed with the masses of the objects but not their contacts, in the nominal model; \"lost\" counts "
-        "the objects that lose a contact then. The arch of upright leans on two blocks and is refused.", "",
+        f"`studies.objects.published`; {software(versions(('numpy',)))}; {UNCERTAINTY}. "
+        f"Timings keep GN and GT below {WITHIN['GT_worst_case']:g} within it. \"Without regard\" is timed "
+        "with the masses of the objects but not their contacts, in the nominal model; \"lost\" counts the objects "
+        "that lose a contact then. The arch of upright leans on two blocks and is refused.", "",
         *table(HEAD, rows(options.scenes)),
     ]  # fmt: skip
     write_text(options.out / "objects_published.md", "\n".join(lines) + "\n")

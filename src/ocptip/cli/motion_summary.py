@@ -160,8 +160,7 @@ def motion_text(
         [line for name, text in details for line in wrapped(name, [text], widest)],
     ]
     text = "\n\n".join("\n".join(part) for part in parts if part)
-    no_stops = checked.objects or robot.acts.end  # nor does view take objects
-    following = "ocptip check {0}" if no_stops else _following()
+    following = "ocptip check {0}" if robot.acts.end else _following()  # stops: of a base that stands
     if len(checked_motion.checked.segments) < len(
         checked_motion.task.segments
     ):  # an incomplete plan cannot be checked

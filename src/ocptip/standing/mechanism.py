@@ -137,8 +137,8 @@ class StandingMechanism(MadeOf, Footing, ABC):
         """Raise InputError if it carries objects, which `what` does not take."""
         if names := ", ".join(interface.name for interface in self.interfaces[1:]):
             raise InputError(
-                f"object: {what} does not take objects ({names}); stand, check, certify, plan, retime and "
-                "drive do"
+                f"object: {what} does not take objects ({names}): it knows the contacts of the base alone; "
+                "stand, check, certify, plan, retime, drive, simulate and view do; held fast they are payload"
             )
 
     def joint_label(self, joint: int) -> str:
