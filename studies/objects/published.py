@@ -143,8 +143,8 @@ def main(arguments: list[str] | None = None) -> None:
         "# Published arrangements of objects", "",
         f"`studies.objects.published`; {software(versions(('numpy',)))}; {UNCERTAINTY}. "
         f"Timings keep GN and GT below {WITHIN['GT_worst_case']:g} within it. \"Without regard\" is timed "
-        "with the masses of the objects but not their contacts, in the nominal model; \"lost\" counts the objects "
-        "that lose a contact then. The arch of upright leans on two blocks and is refused.", "",
+        "with the masses of the objects but not their contacts, in the nominal model; \"lost\" counts the "
+        "objects that lose a contact then. The arch of upright leans on two blocks and is refused.", "",
         *table(HEAD, rows(options.scenes)),
     ]  # fmt: skip
     write_text(options.out / "objects_published.md", "\n".join(lines) + "\n")
