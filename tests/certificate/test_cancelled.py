@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ocptip.api.tasks import load_task
 from ocptip.certificate.describe import motion_data
 from ocptip.certificate.find import certify
 from ocptip.certificate.find_cancels import cancel_claims
@@ -17,7 +18,6 @@ from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.tolerance import Uncertainty
-from ocptip.task_files.motion import load_task
 from ocptip.trajectories.trajectory import Trajectory
 from tests.certificate.test_find import _nod, _swing
 from tests.certificate.test_hostile import _judged, _weights, _within
@@ -259,7 +259,8 @@ def _attacked(robot, found, count):
         world = worlds.random_world(model, tolerance, rng, ends=0.8)
         wrench = claims._numbers(worlds.loads(model, world, state))[1]
         assert robot.tip_over.evaluate(robot.contact_states(wrench[None])).GN[0] <= asked[0]
-        assert claims._contacts(model, wrench, *asked, 1 - tolerance["friction"]) is None
+        if len(model["contacts"]) == 3:  # forces of more are not unique
+            assert claims._contacts(model, wrench, *asked, 1 - tolerance["friction"]) is None
 
 
 def test_cancels_that_are_too_hard_are_not_proved(nodding):

@@ -337,16 +337,6 @@ class ToleranceError(PlanningError):
         return len(self.too_much.given) == 1
 
 
-def _for_cancels(task: MotionTask, why: str) -> str:
-    """What may help where the reason of a refusal names limits of cancels; else nothing."""
-    if task.limits.cancel is None or "cancel" not in why:
-        return ""
-    return (
-        "; cancels: a lower --deceleration spares the contacts, a higher one the joint range and the "
-        "duration of stops; ocptip check --stops cancel of a plan without --stop-safe shows what is safe"
-    )
-
-
 def _unfinished(task: MotionTask, search: MultiStart) -> str:
     """Says how far a search without a verified motion came, and what its nearest motion lacks."""
     starts = search.starts
@@ -358,7 +348,7 @@ def _unfinished(task: MotionTask, search: MultiStart) -> str:
         return f"{text}; give more seconds"
     number, check = min(moving, key=lambda one: one[:2])[1:]
     why = f"start {number}: {'; '.join(broken_words(task.robot, check.violations))}"
-    return f"{text}; {why}{_for_cancels(task, why)}; give more seconds"
+    return f"{text}; {why}; give more seconds"
 
 
 def _refusal(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
@@ -368,11 +358,10 @@ def _refusal(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
         first = attempts[0].result.status
         return PlanningError(
             f"none of {len(attempts)} starts gave a motion; the first: {first}; more starts, another seed or "
-            f"less strict limits may help{_for_cancels(task, first)}"
+            "less strict limits may help"
         )
     nearest, _, check = min(moving, key=lambda one: (len(one[2].violations), one[0].energy, one[0].number))
     why = f"start {nearest.number}: {'; '.join(broken_words(task.robot, check.violations))}"
-    why += _for_cancels(task, why)
     ending = f"none of {len(attempts)} starts gave a verified motion"
     if not task.limits.tolerance.given:
         return PlanningError(f"{ending}; {why}")
