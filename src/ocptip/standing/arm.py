@@ -34,15 +34,12 @@ from ocptip.robots.process import ProcessWrench
 from ocptip.robots.spring_chain import SpringChain, spring_chain
 from ocptip.robots.urdf.arm_source import arm_from, base_of
 from ocptip.standing.acting import Acting
-from ocptip.standing.footing import Footing
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.ground import floors_under
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.objects import (
     Object,
     carried_objects,
-    carrier_expressions,
-    carrier_motions,
     loaded,
     objects_note,
     outlines,
@@ -71,7 +68,6 @@ class Robot(StandingMechanism):
 
     Attributes:
         obstacles, shapes, objects, drive_profile: as given.
-        carried: the objects in the axes of what carries them.
         around: the obstacles and, where it counts, the floor that the base stands on.
 
     Raises:
@@ -225,30 +221,6 @@ class Robot(StandingMechanism):
             return self
         arm, support = loaded(self.arm, self.support, self.objects, -1)
         return self.varied(arm=arm, support=support, objects=())
-
-    @property
-    def interfaces(self) -> tuple[Footing, ...]:
-        """See `StandingMechanism.interfaces`."""
-        return (self, *(held.footing for held in self.carried))
-
-    def object_wrenches(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, base_motion: BaseMotion | None = None
-    ) -> tuple[np.ndarray, ...]:
-        """See `StandingMechanism.object_wrenches`."""
-        if not self.carried:
-            return ()
-        motions = carrier_motions(self.arm, self.support.gravity, q, qd, qdd, base_motion)
-        return tuple(motions[held.carrier].inertial_wrench(held.footing.support) for held in self.carried)
-
-    def object_expressions(
-        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, acting: cs.SX | None = None
-    ) -> tuple[cs.SX, ...]:
-        """See `StandingMechanism.object_expressions`."""
-        if not self.carried:
-            return ()
-        base = self.acts.expressions(acting)[1]
-        motions = carrier_expressions(self.arm, self.support.gravity, q, qd, qdd, base)
-        return tuple(inertial_wrench_of(motions[held.carrier], held.footing.support) for held in self.carried)
 
     def joint_label(self, joint: int) -> str:
         """Name of a joint, counted from 0."""

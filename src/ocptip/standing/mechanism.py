@@ -23,16 +23,15 @@ from ocptip.reserves.slip import Redistribution
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.collision.gaps import CLEARANCE, Collisions
-from ocptip.robots.model import ArmModel, JointLimits, joint_states
+from ocptip.robots.model import JointLimits, joint_states
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
 from ocptip.robots.spring_chain import SpringChain
-from ocptip.standing.acting import Acting
-from ocptip.standing.footing import Footing, center_by_weights
+from ocptip.standing.carrying import Carrier
+from ocptip.standing.footing import center_by_weights
 from ocptip.standing.further_limits import FurtherLimits
 from ocptip.standing.margins import Margins
-from ocptip.standing.objects import CarriedObject, Object
 from ocptip.standing.samples import MotionSamples
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.drive_profile import DriveProfile
@@ -40,7 +39,7 @@ from ocptip.trajectories.path import JointPath, PathTiming
 from ocptip.trajectories.trajectory import Trajectory
 
 
-class StandingMechanism(MadeOf, Footing, ABC):
+class StandingMechanism(MadeOf, Carrier, ABC):
     """A mechanism mounted on a base that stands on a support; what checks and programs know of it.
 
     Args:
@@ -72,8 +71,6 @@ class StandingMechanism(MadeOf, Footing, ABC):
     further_limits = FurtherLimits()
     shapes: tuple[Any, ...] = ()
     obstacles: tuple[Any, ...] = ()
-    objects: tuple[Object, ...] = ()
-    carried: tuple[CarriedObject, ...] = ()
     drive_profile: DriveProfile | None = None
 
     def __init__(
@@ -107,39 +104,6 @@ class StandingMechanism(MadeOf, Footing, ABC):
     @abstractmethod
     def payload(self) -> Payload | None:
         """The payload, which is part of `mass` and of all loads; None without one."""
-
-    @property
-    def arm(self) -> ArmModel | None:
-        """The serial arm; None where the mechanism is no arm."""
-        return None
-
-    @property
-    def interfaces(self) -> tuple[Footing, ...]:
-        """What only contacts hold: the base on the ground, then each object on what it stands on."""
-        return (self,)
-
-    def object_wrenches(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, base_motion: BaseMotion | None = None
-    ) -> tuple[np.ndarray, ...]:
-        """Wrenches (N, 6) on the objects, weight included, in the order of `interfaces`.
-
-        About the centre of mass of what stands on the contacts, in axes of the gripper or the base.
-        """
-        return ()
-
-    def object_expressions(
-        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, acting: cs.SX | None = None
-    ) -> tuple[cs.SX, ...]:
-        """The wrenches on the objects as CasADi columns (6,); `acting` as in `load_expressions`."""
-        return ()
-
-    def require_no_objects(self, what: str) -> None:
-        """Raise InputError if it carries objects, which `what` does not take."""
-        if names := ", ".join(interface.name for interface in self.interfaces[1:]):
-            raise InputError(
-                f"object: {what} does not take objects ({names}): it knows the contacts of the base alone; "
-                "stand, check, certify, plan, retime, drive, simulate and view do; held fast they are payload"
-            )
 
     def joint_label(self, joint: int) -> str:
         """Name of a driven joint, counted from 0, in messages."""
@@ -186,11 +150,6 @@ class StandingMechanism(MadeOf, Footing, ABC):
         A process that varies needs its values, see `acting`. Without a base motion, or one in `acting`, the
         base rests; with one the inertia of the base is part of the wrench.
         """
-
-    @property
-    def acts(self) -> Acting:
-        """What acts on it besides its motion: a process that varies, a base that drives."""
-        return Acting()
 
     def acting(self, times: np.ndarray) -> np.ndarray:
         """(N, k): what acts at instants (N,), s, see `acts`.
