@@ -260,7 +260,9 @@ class PostureStudy:
             return None
         gravity, push = self._acting(conditions)
         wrench = self._wrenches(conditions, gravity, conditions.payload, push)[0]
-        support = self._footing(conditions.friction).support.varied(gravity=gravity)
+        support = self._footing(conditions.friction).support
+        if not np.array_equal(gravity, support.gravity):
+            support = support.varied(gravity=gravity)
         case = loaded_case(self.robot, support, conditions.q, held, wrench, tolerance)
         (GN, tip), (GT, slip) = case.tip(), case.slip()
         reference = self.robot.tip_over.reference_moment

@@ -89,7 +89,7 @@ def bodies(
     Places are from the base's centre of mass, base axes.
     """
     bare, about = robot.arm.with_payload(None), robot.support.center_of_mass
-    frames = link_frames(bare, q)
+    frames = link_frames(robot.arm, q)  # made once per arm
     tool = frames.origins[-1] - about
     results = []
     links = zip(bare.masses, bare.centres, frames.rotations, frames.origins, strict=False)

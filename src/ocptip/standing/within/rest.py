@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import product
 from typing import Any, Protocol
 
@@ -257,6 +257,12 @@ def found_within(
     return WithinAtRest(tolerance, scope, GN, GT, demand, *worst, stands, reason, possible, ignored)
 
 
+@lru_cache(maxsize=16)
+def _weakest(support: Support, friction: Uncertainty, moment: float | None) -> Footing:
+    """A support on contacts with the minimum friction, made once for all its loads."""
+    return Footing(support.varied(friction.contacts(support.contacts)), moment)
+
+
 class RestCase:
     """Bodies on contacts with the minimum friction, within an uncertainty.
 
@@ -287,7 +293,7 @@ class RestCase:
         columns = ("mass", "less", "more", "center", "half")
         arrays = [np.array([getattr(w, column) for w in weights], dtype=float) for column in columns]
         self._masses, self._less, self._more, self._centers, self._half = arrays
-        self.footing = Footing(support.varied(tolerance.contacts(support.contacts)), moment)
+        self.footing = _weakest(support, tolerance.only("friction"), moment)
         self._map = TipMap(self.footing.tip_over)
 
     def tip(self) -> tuple[float, Off]:
