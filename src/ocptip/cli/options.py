@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
@@ -90,7 +90,7 @@ def with_cancel(task: Task, options: Namespace) -> Task:
                 given["deceleration"] = scales * np.array(numbers)
         stops, limits = replace(motion_task.stops, **given), motion_task.limits
         if limits.cancel is not None:  # as the file asks for, of an arm
-            limits = replace(limits, cancel=stops.cancel(Robot.of(motion_task.robot), limits))
+            limits = replace(limits, cancel=stops.cancel(cast("Robot", motion_task.robot), limits))
         return replace(motion_task, stops=stops, limits=limits)
 
     return task.each(changed)
