@@ -12,7 +12,7 @@ from ocptip.certificate.trusted.late import Late
 from ocptip.motion.check import check_motion
 from ocptip.motion.multi_start import tolerable, too_much
 from ocptip.published.tasks import experiment_task
-from ocptip.reserves.minimax import ConeBatch
+from ocptip.reserves import fractional
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.limits import Limits
 from ocptip.standing.objects import Object
@@ -335,8 +335,10 @@ def test_slip_at_the_worst_costs_programs_only_where_it_is_large(monkeypatch):
     cases, times = worst_case_of(robot, WORKSHOP), motion.both_sides(0.01)
     at = on_time(motion, WORKSHOP, times, robot.during(motion))
     programs = []
-    solve = ConeBatch.solve
-    monkeypatch.setattr(ConeBatch, "solve", lambda self, A, b: programs.append(len(A)) or solve(self, A, b))
+    solve = fractional.largest_growth
+    monkeypatch.setattr(
+        fractional, "largest_growth", lambda A, *loads: programs.append(len(A)) or solve(A, *loads)
+    )
     exact = cases.slip(at.s, max_delay=at.max_delay)
     all_programs = sum(programs)
     programs.clear()
