@@ -117,8 +117,8 @@ def rows(names: list[str]) -> Iterator[list[str]]:
         proof = certify(robot, found.motion, task.limits, worst)
         bounds = {one.name: proof.verdict.bounds.get(f"GT_worst_case[{one.name}]") for one in objects}
         known = [bound for bound in bounds.values() if bound is not None]
-        used = {one: part["slip"] for one, part in within.objects.items()}
-        critical = max(used, key=lambda one: used[one].most if used[one] else 0.0)
+        used = {one: slip.most for one, part in within.objects.items() if (slip := part["slip"])}
+        critical = max(used, key=used.__getitem__)
         yield [
             name,
             str(len(objects)),

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.claimed import goal_within
+from ocptip.certificate.claimed import goal_within, limit_within
 from ocptip.certificate.describe import contacts_data
 from ocptip.certificate.find_within import SearchWithin
 from ocptip.certificate.trusted.checker import CLAIMS_WITHIN, claims_of
@@ -64,6 +64,14 @@ def object_claims(
             }
             held = footing.weakest(limits.tolerance) if within else footing
             result = SearchWithin(held, model, motion, world, goals, knots, data).claims()
+            if (
+                result is not None and result.short
+            ):  # a bound may be coarse where the limit leaves room for it
+                most = [limit_within(limits, name) for name in names]
+                loose = {
+                    claim: max(goals[claim], one) for claim, one in zip(CLAIMS_WITHIN, most, strict=True)
+                }
+                result = SearchWithin(held, model, motion, world, loose, knots, data).claims()
             if result is None or result.short:
                 short = [] if result is None else result.short
                 if not within:
