@@ -37,7 +37,7 @@ OPENERS = {
 _OF_MACHINE_CODE = "expressions", "module", "native", "values"
 ELSEWHERE = {
     "basics/write.py": {"open"},  # writes
-    "cli/command.py": {"open"},  # /dev/null
+    "cli/run.py": {"open"},  # /dev/null
     "cli/start/examples.py": {"read_bytes"},  # of the package
     "cli/many.py": {"loads"},  # what this process made
     "motion/planner/jobs.py": {"loads"},  # likewise
