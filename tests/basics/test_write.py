@@ -12,7 +12,6 @@ from importlib import metadata
 import numpy as np
 import pytest
 
-import ocptip
 from ocptip.basics.write import PACKAGES, atomic_file, plain, versions, write_json, write_text
 
 

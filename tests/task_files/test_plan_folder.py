@@ -31,7 +31,8 @@ SRDF = '<robot name="ur5"><disable_collisions link1="base_link" link2="wrist_1_l
 
 @pytest.fixture(scope="module")
 def case():
-    limits = Limits(GN=0.85, GT=0.8, max_duration=4.0)
+    worst = {"GN_worst_case": 0.98, "GT_worst_case": 0.97, "clearance_worst_case": 1e-3}
+    limits = Limits(GN=0.85, GT=0.8, max_duration=4.0, **worst)
     return replace(experiment_task("C", "effective", limits), objective=priced(20.0))
 
 
@@ -120,6 +121,7 @@ def cart(tmp_path):
 
 def test_nothing_outside_the_folder_is_needed(cart, tmp_path, capsys):
     task = load_task(cart / "tasks" / "job.toml")
+    task = replace(task, limits=replace(task.limits, angle_margin=0.02))  # in Python
     motion = plain_motion(task)
     plan = plan_of(task, motion)
     write_plan(tmp_path / "plan", plan)
@@ -130,6 +132,7 @@ def test_nothing_outside_the_folder_is_needed(cart, tmp_path, capsys):
     (tmp_path / "plan").rename(tmp_path / "moved")
     found = read_plan_folder(tmp_path / "moved")
     same_check(found, task, motion)
+    assert found.task.limits.angle_margin == pytest.approx(0.02, rel=1e-12)
     geometry = found.task.robot.arm.geometry
     assert len(geometry.shapes) == len(task.robot.arm.geometry.shapes)
     assert geometry.apart == task.robot.arm.geometry.apart

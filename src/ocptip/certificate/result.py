@@ -37,8 +37,8 @@ CANCELS = "contacts in cancels"
 _OF_CONTACTS = {
     "contacts": ("GT", "--gt {}"),
     "tip-over": ("GN", "--gn {}"),
-    "contacts within tolerance": (SLIP_WITHIN, "Limits(GT_worst_case={}) in Python"),
-    "tip-over within tolerance": (TIP_WITHIN, "Limits(GN_worst_case={}) in Python"),
+    "contacts within tolerance": (SLIP_WITHIN, "GT_worst_case = {} in [limits]"),
+    "tip-over within tolerance": (TIP_WITHIN, "GN_worst_case = {} in [limits]"),
 }
 """Sampled value by claim, and the limit with which a plan keeps more of the contacts."""
 _WORDS = {

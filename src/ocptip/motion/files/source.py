@@ -18,7 +18,10 @@ from ocptip.standing.mechanism import StandingMechanism
 TASK = "task/task.toml"
 """The task file within a plan's folder; beside it what it names."""
 
-LIMITS = ("GN", "GT", "torque_ratio", "clearance", "foot_lift", "foot_force", "jump_foot_force")
+LIMITS = (
+    *("GN", "GT", "torque_ratio", "clearance", "GN_worst_case", "GT_worst_case", "clearance_worst_case"),
+    *("foot_lift", "foot_force", "jump_foot_force"),
+)
 """Keys of `[limits]` that are fields of `Limits`."""
 
 _RATES = (("cancel_deceleration_deg_s2", "rad", 180 / math.pi), ("cancel_deceleration_m_s2", "m", 1.0))
@@ -65,6 +68,8 @@ class TaskSource:
         asked.update({name: getattr(limits, name) for name in LIMITS})
         for key in ("rise_time", "jerk"):
             asked.pop(key, None)
+        if "case" not in self.data:
+            asked["angle_margin_deg"] = math.degrees(limits.angle_margin)
         if limits.jerk:
             asked["jerk"] = list(limits.jerk)
         if rise_times is not None:
