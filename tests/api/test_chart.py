@@ -4,12 +4,14 @@ import csv
 import io
 import json
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 
 import ocptip
 from ocptip.cli.main import main
+from ocptip.pictures.frame import png
 from tests.places import EXAMPLES
 
 TASK = EXAMPLES / "tasks/kit_arm.toml"
@@ -41,6 +43,25 @@ def test_reaches_are_those_of_postures(chart):
         assert best == reach[(sector == k) & holds].max()
         assert not np.any((sector == k) & ~holds & (reach <= sure))
         assert sure <= best
+
+
+def test_the_figure_has_the_reaches_and_no_label_lies_on_another(chart):
+    figure = chart.figure()
+    png(figure)  # which places the labels
+    for ax, key in zip(figure.axes[::2], ("any_posture", "best_posture"), strict=True):
+        bands = {one.get_gid(): one.get_paths() for one in ax.collections}
+        for number, one in enumerate(chart.reaches):
+            corners = np.concatenate([path.vertices for path in bands[f"reach-{number}"]])
+            for k, end in enumerate(getattr(one, key)):
+                inside = np.abs((corners[:, 0] - k * np.pi / 4 + np.pi) % (2 * np.pi) - np.pi) < np.pi / 9
+                assert corners[inside, 1].max() == end
+        boxes = [label.get_window_extent() for label in ax.get_yticklabels() if label.get_text()]
+        assert len(boxes) >= 2
+        assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    cells = chart.cells(azimuth=False)
+    shades = [bar.get_facecolor() for bar in figure.axes[1].patches]
+    bands = [int(np.searchsorted(chart.levels, one.any_posture, side="right")) for one in cells]
+    assert len(set(shades)) == len(set(bands)) == len(set(zip(bands, shades, strict=True))) > 1
 
 
 def test_default_payloads_have_reaches_that_differ():
@@ -92,7 +113,7 @@ def test_text_files_and_json(tmp_path, capsys):
     ("options", "message"),
     [
         (["--samples", "0"], "--samples: must be >= 1, got 0"),
-        (["--levels", "-1"], "--levels: must be >= 0 kg"),
+        (["--levels", "-1"], "--levels: must be one or more >= 0 kg"),
         (["--cell", "0"], "--cell: must be > 0"),
         (["--most", "-2"], "--most: must be > 0"),
         (["--joint-speed", "-1"], "--joint-speed: must be >= 0"),

@@ -117,10 +117,10 @@ def chart(
     wanted = (
         _different(raised.scale * largest.levels[largest.kept_at_zero], rated)
         if levels is None
-        else finite_array("levels", levels, (None,))
+        else np.unique(finite_array("levels", levels, (None,)))
     )
-    if np.any(wanted < 0):
-        raise InputError(f"levels: must be >= 0 {raised.unit}, got {wanted.tolist()}")
+    if not len(wanted) or np.any(wanted < 0):
+        raise InputError(f"levels: must be one or more >= 0 {raised.unit}, got {wanted.tolist()}")
     made = LoadChart.of(
         result.name, robot, raised, limits, q, largest, (samples, seed), wanted, sectors, cell, tried, shares
     )

@@ -17,7 +17,7 @@ from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, SPEED, DesignLeve
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_EMPTY, _COLORS = "#e8e8e8", "YlGnBu"
+_EMPTY, _LESS = "#e8e8e8", "#ffffff"  # cells without postures; those that hold less than the smallest level
 _ARC = 24  # points of a sector
 
 
@@ -27,82 +27,75 @@ Edges = tuple[np.ndarray, np.ndarray, np.ndarray]
 Words = tuple[str, str, str, str]
 """Task, what is charted, its unit, and the scope."""
 
+_VIEWS = (("any_posture", "any posture"), ("best_posture", "the best posture"))
 
-def chart_picture(
-    words: Words,
-    edges: Edges,
-    side: Sequence[ChartCell],
-    plan: Sequence[ChartCell],
-    reaches: Sequence[ReachBySector],
-    feet: np.ndarray,
-) -> bytes:
-    """Draw a PNG from above, with reaches by azimuth, and from the side: any and the best posture.
+
+def chart_figure(
+    words: Words, edges: Edges, side: Sequence[ChartCell], reaches: Sequence[ReachBySector], feet: np.ndarray
+) -> Figure:
+    """From above the reach of each level by azimuth, from the side the cells: any and the best posture.
 
     Args:
         words: for titles.
         edges: of the cells.
-        side, plan: cells of all azimuths, and of all heights.
-        reaches: of levels.
+        side: cells of all azimuths.
+        reaches: of levels, in ascending order.
         feet: (n, 3), m: the contacts.
     """
-    figure = new_figure(13.0, 5.2)
-    grid = figure.add_gridspec(1, 3, width_ratios=(1.15, 1, 1))
-    top = max((one.best_posture for one in side), default=0.0) or 1.0
+    from matplotlib import colormaps
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    figure = new_figure(11.0, 9.6)
     name, title, unit, scope = words
-    image = _plan(figure.add_subplot(grid[0], projection="polar"), edges, plan, reaches, feet, top, unit)
-    panels = [figure.add_subplot(grid[k]) for k in (1, 2)]
-    for ax, key, head in (
-        (panels[0], "any_posture", "From the side: any posture"),
-        (panels[1], "best_posture", "From the side: best posture"),
-    ):
-        _side(ax, edges, side, key, top)
-        ax.set_title(head, loc="left", fontsize=10.5)
-    figure.colorbar(image, ax=panels, label=f"[{unit}]", shrink=0.8)
+    levels = np.array([one.level for one in reaches])
+    colors = colormaps["YlGnBu"](np.linspace(0.05, 0.95, len(levels)))
+    handles: list[Any] = [
+        Patch(color=color, label=f"at least {level:.3g} {unit}")
+        for level, color in zip(levels, colors, strict=True)
+    ]
+    if min((one.any_posture for one in side), default=0.0) < levels[0]:
+        handles.insert(0, Patch(fc=_LESS, ec="black", label=f"less than {levels[0]:.3g} {unit}"))
+    handles += [Patch(color=_EMPTY, label="no posture"), Line2D([], [], **_CONTACTS)]
+    for column, (key, words_of_key) in enumerate(_VIEWS):
+        above = figure.add_subplot(2, 2, column + 1, projection="polar")
+        _above(above, edges, reaches, key, colors, feet)
+        above.set_title(f"In {words_of_key}: reach of each value, from above", loc="left", fontsize=10.5)
+        beside = figure.add_subplot(2, 2, column + 3)
+        _beside(beside, edges, side, key, levels, colors)
+        beside.set_title(f"In {words_of_key} [{unit}], from the side", loc="left", fontsize=10.5)
+    figure.legend(handles=handles[::-1], loc="outside right center", frameon=False, **style.TEXT)
     style.head(figure, f"{name}: {title} [{unit}]", scope)
-    style.note(figure, f"[{unit}] of sampled postures that collide with nothing; grey: no posture")
-    return png(figure)
-
-
-def _plan(
-    ax: Any,
-    ends: Edges,
-    cells: Sequence[ChartCell],
-    lines: Sequence[ReachBySector],
-    feet: np.ndarray,
-    top: float,
-    unit: str,
-) -> Any:
-    """Level in any posture; lines: the reach of each level in any posture, dashed: in the best one."""
-    edges, reaches = ends[:2]
-    values = np.full((len(reaches) - 1, len(edges) - 1), np.nan)
-    for one in cells:
-        assert one.azimuth is not None  # of a view from above
-        cell = np.searchsorted(reaches, one.reach[0]), np.searchsorted(edges, one.azimuth[0])
-        values[cell] = one.any_posture
-    ax.set_facecolor(_EMPTY)
-    # Sides of cells are arcs only where there are points between their corners.
-    fine = np.concatenate([np.linspace(*pair, _ARC, endpoint=False) for pair in pairwise(edges)])
-    turns = np.append(fine, edges[-1])
-    spread = np.ma.masked_invalid(np.repeat(values, _ARC, axis=1))
-    image = ax.pcolormesh(turns, reaches, spread, cmap=_COLORS, vmin=0.0, vmax=top)
-    widths = np.linspace(4.5, 1.2, len(lines))  # lines often lie on each other
-    for number, (one, width) in enumerate(zip(lines, widths, strict=True)):
-        for limits, dashes in ((one.any_posture, "-"), (one.best_posture, (0, (2, 1)))):
-            reach = np.repeat([np.nan if end is None else end for end in limits], _ARC)
-            line = {"color": style.MEMBERS[number % len(style.MEMBERS)], "ls": dashes, "lw": width}
-            label = f"{one.level:.3g} {unit}" if dashes == "-" else None
-            ax.plot(turns, np.append(reach, reach[0]), **line, label=label, gid=f"reach-{number}")
-    feet = feet[:, :2] - feet[:, :2].mean(axis=0)
-    ax.plot(np.arctan2(feet[:, 1], feet[:, 0]), np.hypot(*feet.T), "s", color="black", ms=5, label="contacts")
-    ax.set_ylim(0.0, 1.05 * max(float(reaches[-1]), float(np.hypot(*feet.T).max())))
-    ax.set_title(
-        "From above: any posture; lines: largest\nreach of a value (dashed: best posture)",
-        loc="left",
-        fontsize=10.5,
+    style.note(
+        figure,
+        "any posture: all sampled ones hold the value, from above all up to that reach; best posture: one "
+        f"does; grey from above: no posture, or {levels[0]:.3g} {unit} is not held; "
+        f"0.0 from the side: 0 {unit}, or not even that",
     )
+    return figure
+
+
+_CONTACTS = {"marker": "s", "color": "black", "ms": 5, "ls": "", "label": "contacts"}
+
+
+def _above(
+    ax: Any, edges: Edges, reaches: Sequence[ReachBySector], key: str, colors: np.ndarray, feet: np.ndarray
+) -> None:
+    """Sectors up to the reach of each level: a larger level has no larger reach and lies on the smaller."""
+    from matplotlib.ticker import MaxNLocator
+
+    ax.set_facecolor(_EMPTY)
+    # Ends of sectors are arcs only where there are points between their corners.
+    turns = np.concatenate([np.linspace(*pair, _ARC) for pair in pairwise(edges[0])])
+    for number, (one, color) in enumerate(zip(reaches, colors, strict=True)):
+        reach = np.repeat([end or 0.0 for end in getattr(one, key)], _ARC)
+        ax.fill_between(turns, 0.0, reach, color=color, lw=0, gid=f"reach-{number}")
+    feet = feet[:, :2] - feet[:, :2].mean(axis=0)
+    ax.plot(np.arctan2(feet[:, 1], feet[:, 0]), np.hypot(*feet.T), **_CONTACTS)
+    ax.set_ylim(0.0, 1.05 * max(float(edges[1][-1]), float(np.hypot(*feet.T).max())))
+    ax.yaxis.set_major_locator(MaxNLocator(4, prune="lower"))
+    ax.yaxis.set_major_formatter("{x:.3g} m")
     _readable_ticks(ax)
-    ax.legend(frameon=False, loc="upper left", bbox_to_anchor=(-0.3, 0.22), **style.TEXT)
-    return image
 
 
 def _readable_ticks(ax: Any) -> None:
@@ -112,23 +105,25 @@ def _readable_ticks(ax: Any) -> None:
         label.set(zorder=8, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.8})
 
 
-def _side(ax: Any, edges: Edges, cells: Sequence[ChartCell], key: str, top: float) -> None:
+def _beside(
+    ax: Any, edges: Edges, cells: Sequence[ChartCell], key: str, levels: np.ndarray, colors: np.ndarray
+) -> None:
+    """Cells by reach and height in the colour of the largest level that they hold, with their value."""
     reaches, heights = edges[1:]
-    values = np.full((len(heights) - 1, len(reaches) - 1), np.nan)
+    ax.set_facecolor(_EMPTY)
     for one in cells:
         assert one.height is not None  # of a side view
-        cell = np.searchsorted(heights, one.height[0]), np.searchsorted(reaches, one.reach[0])
-        values[cell] = getattr(one, key)
-    ax.set_facecolor(_EMPTY)
-    ax.pcolormesh(reaches, heights, np.ma.masked_invalid(values), cmap=_COLORS, vmin=0.0, vmax=top)
-    for (row, column), value in np.ndenumerate(values):
-        if np.isfinite(value):
-            middle = (reaches[column : column + 2].mean(), heights[row : row + 2].mean())
-            color = "white" if value > 0.6 * top else "black"
-            digits = 1 if value < 100 else 0
-            text = f"{np.floor(value * 10**digits + 1e-9) / 10**digits:.{digits}f}"
-            ax.text(*middle, text, ha="center", va="center", color=color, fontsize=8.5)
-    ax.set_aspect("equal")
+        value, low = getattr(one, key), (one.reach[0], one.height[0])
+        size = one.reach[1] - low[0], one.height[1] - low[1]
+        band = int(np.searchsorted(levels, value, side="right")) - 1
+        shade = colors[band] if band >= 0 else _LESS
+        ax.bar(low[0], size[1], size[0], low[1], align="edge", color=shade, ec="white", lw=0.6)
+        digits = 1 if value < 100 else 0
+        text = f"{np.floor(value * 10**digits + 1e-9) / 10**digits:.{digits}f}"
+        color = "white" if band > 0.55 * (len(levels) - 1) else "black"
+        middle = low[0] + 0.5 * size[0], low[1] + 0.5 * size[1]
+        ax.text(*middle, text, ha="center", va="center", color=color, fontsize=8.5)
+    ax.set(xlim=reaches[[0, -1]], ylim=heights[[0, -1]], aspect="equal")
     ax.set_xlabel("reach from the centre of the contacts [m]")
     ax.set_ylabel("height above the lowest contact [m]")
 
@@ -236,7 +231,7 @@ def envelope_figure(
     shown = 0.25 * top * places / max(float(np.hypot(*places.T).max()), 1e-9)
     ax.plot(np.arctan2(shown[:, 1], shown[:, 0]), np.hypot(*shown.T), "s", **_WHEELS)
     ax.set_ylim(0.0, top)
-    ax.tick_params(labelsize=8, labelcolor=style.NOTE)
+    _readable_ticks(ax)
     ax.legend(frameon=False, loc="upper left", bbox_to_anchor=(-0.18, 0.06), **style.TEXT)
     style.head(figure, f"{name}: drive envelope", scope)
     style.note(figure, "largest acceleration of the base [m/s^2] by direction; up: forward (x axis)")

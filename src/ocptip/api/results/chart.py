@@ -6,7 +6,7 @@ import csv
 import io
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,8 @@ from ocptip.basics.errors import positive_number
 from ocptip.basics.outputs import SavedFolder
 from ocptip.basics.text import percent, quantity
 from ocptip.basics.write import versions
-from ocptip.pictures.load_chart import chart_picture, design_picture
+from ocptip.pictures.frame import png
+from ocptip.pictures.load_chart import chart_figure, design_picture
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.chart_cells import ChartCell, ReachBySector
 from ocptip.standing.at_rest.largest_level import LargestLevels
@@ -22,6 +23,9 @@ from ocptip.standing.at_rest.raised import Raised
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN, Limits
 from ocptip.standing.within.design import DesignLevels
 from ocptip.standing.within.tolerable import AT_REST
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 NOT_COVERED = ("motion", "process forces that vary", "postures that were not sampled")
 _STEPS = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0)  # m
@@ -302,11 +306,10 @@ class LoadChart(SavedFolder):
                 rows.writerow([one.quantity, one.value, reach, "" if level is None else level])
         return stream.getvalue()
 
-    def picture(self) -> bytes:
-        """The content of chart.png."""
-        views = self.cells(azimuth=False), self.cells(height=False)
+    def figure(self) -> Figure:
+        """What chart.png shows, as a figure of Matplotlib."""
         words = self.name, self.raised.title, self.raised.unit, self.scope
-        return chart_picture(words, self.edges, *views, self.reaches, self._feet)
+        return chart_figure(words, self.edges, self.cells(azimuth=False), self.reaches, self._feet)
 
     @property
     def _key(self) -> tuple[str, str]:
@@ -319,7 +322,7 @@ class LoadChart(SavedFolder):
         if self.designs:
             files["design.csv"] = self.designs_csv().encode()
         if figures:
-            files["chart.png"] = self.picture()
+            files["chart.png"] = png(self.figure())
             if self.designs:
                 files["design.png"] = design_picture(
                     (self.name, self.raised.name, self.raised.unit, self.scope), self.edges[1], self.designs

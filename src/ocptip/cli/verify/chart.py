@@ -56,7 +56,7 @@ class ChartReport(FolderReport):
         if len(result.q):
             for key, posture in (("any_posture", "in any posture"), ("best_posture", "in the best posture")):
                 lines += [
-                    f"{title.capitalize()} [{unit}],",
+                    f"{title[0].upper()}{title[1:]} [{unit}],",
                     f"{posture}, by height and reach [m]",
                     *self._side(key),
                     "",

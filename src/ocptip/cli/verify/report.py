@@ -338,7 +338,8 @@ class DocumentReport(Report):
             yield heading("Load, tilt and push charts")
             yield paragraph(f"Not covered: {', '.join(NOT_COVERED)}. More by 'ocptip chart'.")
         for chart in self.about.charts:
-            yield image(chart.picture(), f"{chart.raised.title.capitalize()}: {chart.scope}.")
+            title = chart.raised.title
+            yield picture(chart.figure(), f"{title[0].upper()}{title[1:]}: {chart.scope}.")
 
     def _tests(self, written: Collection[str]) -> Iterator[str]:
         """Tests with those of their sections that are written."""
