@@ -31,7 +31,7 @@ img { max-width: 100% } code { background: #f0f0f0; padding: 0 3px }
 
 
 _SHARE = "data-width"
-_LONG = 60  # characters: texts that are longer are broken
+_LINE, _SHORT = 116, 12  # characters: of a line of a table in a PDF; texts up to this are not broken
 
 
 def page(title: str, parts: Iterable[str]) -> bytes:
@@ -80,9 +80,15 @@ def grid(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def _widths(rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """The attribute of each column for a PDF: its share of the width, by its longest text."""
-    longest = [min(max(len(text) for text in column) + 2, _LONG) for column in zip(*rows, strict=True)]
-    return tuple(f" {_SHARE}='{100 * length / sum(longest):.1f}%'" for length in longest)
+    """The attribute of each column for a PDF: its share of the width; short texts are not broken."""
+    titles, *texts = rows
+    words = [[*title.split(), *cells] for title, *cells in zip(titles, *texts, strict=True)]
+    longest = [max(map(len, column), default=0) + 2 for column in words]
+    wide = max(longest, default=0)
+    while wide > _SHORT and sum(min(length, wide) for length in longest) > _LINE:
+        wide -= 1
+    shares = [min(length, wide) for length in longest]
+    return tuple(f" {_SHARE}='{100 * share / sum(shares):.1f}%'" for share in shares)
 
 
 _MARKS = {"NO": "bad", "BROKEN": "bad", "tips": "bad", "slips": "bad", "<- critical": "near"}

@@ -94,6 +94,7 @@ def test_objects_have_their_margins_in_the_report_of_a_plan_alone(tmp_path, caps
     text = unescape(page.read_text(encoding="utf-8")).replace("\xa0", " ")
     assert "<td>low</td><td>0.5 kg" in text
     assert "Friction used, low" in text
+    assert "For the controller (rad/s^2): constraints: {decelerate_on_cancel: true, " in text
     assert "load cases are of the base alone" in text
     assert main(["report", str(tmp_path / "ur5_cart.toml"), "--out", str(page), "--overwrite"]) == 2
     assert "object: report does not take objects (low)" in capsys.readouterr().err

@@ -272,7 +272,7 @@ class DocumentReport(Report):
             for name, cancel in self.about.cancels.items():
                 yield paragraph(f"{name}: {cancel.text}" if name else cancel.text)
                 if cancel.yaml:
-                    units = " and ".join(f"{unit}/s^2" for unit in dict.fromkeys(cancel.units))
+                    units = " and ".join(f"{unit}/s^2" for unit in dict.fromkeys(cancel.robot.units))
                     yield paragraph(f"For the controller ({units}): {cancel.yaml}")
 
     def _driving(self) -> Iterator[str]:
