@@ -12,6 +12,7 @@ import pytest
 import ocptip
 from ocptip.cli.main import main
 from ocptip.pictures.frame import png
+from ocptip.pictures.load_chart import chart_figure
 from tests.places import EXAMPLES
 
 TASK = EXAMPLES / "tasks/kit_arm.toml"
@@ -46,7 +47,8 @@ def test_reaches_are_those_of_postures(chart):
 
 
 def test_the_figure_has_the_reaches_and_no_label_lies_on_another(chart):
-    figure = chart.figure()
+    cells, feet = chart.cells(azimuth=False), np.array([[0.3, 0.3, 0], [0.3, -0.3, 0], [-0.4, 0, 0]])
+    figure = chart_figure(("task", "payload", "kg", ""), chart.edges, cells, chart.reaches, feet)
     png(figure)  # which places the labels
     for ax, key in zip(figure.axes[::2], ("any_posture", "best_posture"), strict=True):
         bands = {one.get_gid(): one.get_paths() for one in ax.collections}
@@ -58,7 +60,6 @@ def test_the_figure_has_the_reaches_and_no_label_lies_on_another(chart):
         boxes = [label.get_window_extent() for label in ax.get_yticklabels() if label.get_text()]
         assert len(boxes) >= 2
         assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
-    cells = chart.cells(azimuth=False)
     shades = [bar.get_facecolor() for bar in figure.axes[1].patches]
     bands = [int(np.searchsorted(chart.levels, one.any_posture, side="right")) for one in cells]
     assert len(set(shades)) == len(set(bands)) == len(set(zip(bands, shades, strict=True))) > 1

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _EMPTY, _LESS = "#e8e8e8", "#ffffff"  # cells without postures; those that hold less than the smallest level
-_ARC = 24  # points of a sector
+_SHADES = ((250, 253, 206), (185, 227, 181), (64, 181, 195), (34, 104, 173), (17, 36, 107))  # of levels
+_ARC, _RINGS = 24, 5  # points of a sector; circles of reach, at most
 
 
 Edges = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -42,29 +43,19 @@ def chart_figure(
         reaches: of levels, in ascending order.
         feet: (n, 3), m: the contacts.
     """
-    from matplotlib import colormaps
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
     figure = new_figure(11.0, 9.6)
     name, title, unit, scope = words
     levels = np.array([one.level for one in reaches])
-    colors = colormaps["YlGnBu"](np.linspace(0.05, 0.95, len(levels)))
-    handles: list[Any] = [
-        Patch(color=color, label=f"at least {level:.3g} {unit}")
-        for level, color in zip(levels, colors, strict=True)
-    ]
-    if min((one.any_posture for one in side), default=0.0) < levels[0]:
-        handles.insert(0, Patch(fc=_LESS, ec="black", label=f"less than {levels[0]:.3g} {unit}"))
-    handles += [Patch(color=_EMPTY, label="no posture"), Line2D([], [], **_CONTACTS)]
+    colors = _colors(len(levels))
     for column, (key, words_of_key) in enumerate(_VIEWS):
         above = figure.add_subplot(2, 2, column + 1, projection="polar")
-        _above(above, edges, reaches, key, colors, feet)
+        _above(above, edges, reaches, key, colors, feet, unit)
         above.set_title(f"In {words_of_key}: reach of each value, from above", loc="left", fontsize=10.5)
         beside = figure.add_subplot(2, 2, column + 3)
         _beside(beside, edges, side, key, levels, colors)
         beside.set_title(f"In {words_of_key} [{unit}], from the side", loc="left", fontsize=10.5)
-    figure.legend(handles=handles[::-1], loc="outside right center", frameon=False, **style.TEXT)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles[::-1], labels[::-1], loc="outside right center", frameon=False, **style.TEXT)
     style.head(figure, f"{name}: {title} [{unit}]", scope)
     style.note(
         figure,
@@ -75,25 +66,38 @@ def chart_figure(
     return figure
 
 
-_CONTACTS = {"marker": "s", "color": "black", "ms": 5, "ls": "", "label": "contacts"}
+def _colors(count: int) -> np.ndarray:
+    """(count, 3): from the lightest to the darkest."""
+    places, ends = np.linspace(0.0, 1.0, len(_SHADES)), np.array(_SHADES).T / 255
+    return np.column_stack([np.interp(np.linspace(0.0, 1.0, count), places, end) for end in ends])
 
 
 def _above(
-    ax: Any, edges: Edges, reaches: Sequence[ReachBySector], key: str, colors: np.ndarray, feet: np.ndarray
+    ax: Any,
+    edges: Edges,
+    reaches: Sequence[ReachBySector],
+    key: str,
+    colors: np.ndarray,
+    feet: np.ndarray,
+    unit: str,
 ) -> None:
     """Sectors up to the reach of each level: a larger level has no larger reach and lies on the smaller."""
-    from matplotlib.ticker import MaxNLocator
-
     ax.set_facecolor(_EMPTY)
+    if (least := reaches[0].level) > 0:
+        ax.fill(np.nan, np.nan, fc=_LESS, ec="black", lw=0.6, label=f"less than {least:.3g} {unit}")
     # Ends of sectors are arcs only where there are points between their corners.
     turns = np.concatenate([np.linspace(*pair, _ARC) for pair in pairwise(edges[0])])
     for number, (one, color) in enumerate(zip(reaches, colors, strict=True)):
         reach = np.repeat([end or 0.0 for end in getattr(one, key)], _ARC)
-        ax.fill_between(turns, 0.0, reach, color=color, lw=0, gid=f"reach-{number}")
+        named = {"label": f"at least {one.level:.3g} {unit}", "gid": f"reach-{number}"}
+        ax.fill_between(turns, 0.0, reach, color=color, lw=0, **named)
+    ax.fill(np.nan, np.nan, color=_EMPTY, label="no posture")
     feet = feet[:, :2] - feet[:, :2].mean(axis=0)
-    ax.plot(np.arctan2(feet[:, 1], feet[:, 0]), np.hypot(*feet.T), **_CONTACTS)
+    ax.plot(np.arctan2(feet[:, 1], feet[:, 0]), np.hypot(*feet.T), "s", color="black", ms=5, label="contacts")
     ax.set_ylim(0.0, 1.05 * max(float(edges[1][-1]), float(np.hypot(*feet.T).max())))
-    ax.yaxis.set_major_locator(MaxNLocator(4, prune="lower"))
+    ends = edges[1][1:]
+    every = (len(ends) + _RINGS - 1) // _RINGS
+    ax.set_yticks(ends[::-every][::-1])
     ax.yaxis.set_major_formatter("{x:.3g} m")
     _readable_ticks(ax)
 

@@ -292,6 +292,7 @@ def _clearance(ax: Any, curves: PlanCurves) -> None:
         _marks(ax, curves, quantity, row)
         _limit(ax, curves, quantity, curves.limit("clearance"), "limit")
         title = _title(title, row)
+        ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))
     _finish(ax, curves, title, quantity.label)
 
 

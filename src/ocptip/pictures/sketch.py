@@ -125,9 +125,9 @@ def _roots(lines: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _number_joints(ax: Any, line: np.ndarray) -> None:
-    """Numbers at the joints of an arm; joints at one place share a text."""
+    """Numbers at the joints of an arm; joints that lie close to each other share a text."""
     places: list[tuple[np.ndarray, list[str]]] = []
-    near = 0.02 * float(np.max(np.ptp(line, axis=0)))
+    near = 0.1 * float(np.max(np.ptp(line, axis=0)))
     for number, point in enumerate(line[1:-1], 1):
         if places and np.linalg.norm(places[-1][0] - point) < near:
             places[-1][1].append(f"{number}")

@@ -6,7 +6,7 @@ import csv
 import io
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +23,6 @@ from ocptip.standing.at_rest.raised import Raised
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN, Limits
 from ocptip.standing.within.design import DesignLevels
 from ocptip.standing.within.tolerable import AT_REST
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 NOT_COVERED = ("motion", "process forces that vary", "postures that were not sampled")
 _STEPS = (0.05, 0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 5.0)  # m
@@ -306,10 +303,10 @@ class LoadChart(SavedFolder):
                 rows.writerow([one.quantity, one.value, reach, "" if level is None else level])
         return stream.getvalue()
 
-    def figure(self) -> Figure:
-        """What chart.png shows, as a figure of Matplotlib."""
+    def picture(self) -> bytes:
+        """The content of chart.png."""
         words = self.name, self.raised.title, self.raised.unit, self.scope
-        return chart_figure(words, self.edges, self.cells(azimuth=False), self.reaches, self._feet)
+        return png(chart_figure(words, self.edges, self.cells(azimuth=False), self.reaches, self._feet))
 
     @property
     def _key(self) -> tuple[str, str]:
@@ -322,7 +319,7 @@ class LoadChart(SavedFolder):
         if self.designs:
             files["design.csv"] = self.designs_csv().encode()
         if figures:
-            files["chart.png"] = png(self.figure())
+            files["chart.png"] = self.picture()
             if self.designs:
                 files["design.png"] = design_picture(
                     (self.name, self.raised.name, self.raised.unit, self.scope), self.edges[1], self.designs

@@ -339,7 +339,7 @@ class DocumentReport(Report):
             yield paragraph(f"Not covered: {', '.join(NOT_COVERED)}. More by 'ocptip chart'.")
         for chart in self.about.charts:
             title = chart.raised.title
-            yield picture(chart.figure(), f"{title[0].upper()}{title[1:]}: {chart.scope}.")
+            yield image(chart.picture(), f"{title[0].upper()}{title[1:]}: {chart.scope}.")
 
     def _tests(self, written: Collection[str]) -> Iterator[str]:
         """Tests with those of their sections that are written."""

@@ -95,7 +95,7 @@ class MarginPanel:
         """A page of viser's player with the panel, which follows it."""
         panel = (
             "<div id='ocptip-panel' style='position:fixed;left:12px;top:12px;width:290px;z-index:1000;"
-            "background:rgba(255,255,255,0.9);border:1px solid #ddd;padding:6px'>"
+            "background:white;border:1px solid #ddd;padding:6px'>"
             f"{self.html(0)}{self._linked() if self.moving else ''}</div>"
         )
         end = page.rfind("</body>")
