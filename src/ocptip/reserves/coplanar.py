@@ -19,6 +19,7 @@ _BALANCED = 1e-8  # units of a force; the caller balances forces exactly
 _NEARLY = 0.99  # of the step to the boundary
 _LEAST = 0.1  # of the limits at the start, of the largest one
 _SOLUTIONS = 3  # of the system: limits of magnitudes apart make the first one inexact
+_PIVOT = 1e-14  # of the system's diagonal
 _TINY = 1e-300
 
 
@@ -31,31 +32,32 @@ def largest_growth(
     i, y . fixed is an upper bound of s; here it is s. All are NaN where the method does not end.
 
     Args:
-        A: (N, n, 3, r), what forces contribute to r balances; forces and loads are numbers of about 1.
-        fixed, growing: (N, r), loads; s is about 1.
+        A: (N, n, 3, r), or (1, n, 3, r), what forces contribute to r balances.
+        fixed, growing: (N, r), loads. They, forces and s are numbers of about 1.
     """
-    count, n, _, r = A.shape
+    count, n, r = len(fixed), A.shape[1], A.shape[3]
     s, x, y = np.full(count, np.nan), np.full((count, n, 3), np.nan), np.full((count, r), np.nan)
     # The shortest forces that hold the fixed load
-    flat = A.reshape(count, 3 * n, r)
+    flat = A.reshape(-1, 3 * n, r)
     shortest = flat @ np.linalg.solve(flat.swapaxes(1, 2) @ flat, fixed[:, :, None])
     start = np.ascontiguousarray(shortest.reshape(count, n, 3)[:, :, 0])
-    _grow(*(np.ascontiguousarray(value) for value in (A, fixed, growing)), start, s, x, y)
+    grow(*(np.ascontiguousarray(value) for value in (A, fixed, growing)), start, s, x, y)
     return s, x, y
 
 
 @compiled
-def _grow(A, fixed, growing, start, factors, forces, multipliers):
-    """Puts s, x and y of all states."""
-    count, n, r = A.shape[0], A.shape[1], A.shape[3]
-    x, dx, z, dz, w, both = (
+def grow(A, fixed, growing, start, factors, forces, multipliers):
+    """Puts s, x and y of all states; start (N, n): limits x_0 to begin with."""
+    count, n, r = len(fixed), A.shape[1], A.shape[3]
+    x, dx, z, dz, both = (
         np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4)),
-        np.empty((n, 4)),
     )  # fmt: skip
+    w = np.empty((n, 5))
     target, excess, wanted, error = np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4)), np.empty(r)
-    scaled, system = np.empty((n, 3, r)), np.empty((r + 1, 2 * r + 2))
+    scaled, system = np.empty((n, 3, r)), np.empty((r + 1, r + 1))
     y, change, left = np.empty(r), np.empty(r + 1), np.empty(r + 1)
     for k in range(count):
+        a_k = A[k % len(A)]
         largest, s = _TINY, 0.0
         for i in range(n):
             largest = max(largest, abs(start[k, i]))
@@ -74,8 +76,8 @@ def _grow(A, fixed, growing, start, factors, forces, multipliers):
                     gap += x[i, d] * z[i, d]
                     excess[i, d] = -z[i, d]
                     for c in range(r):
-                        error[c] += A[k, i, d, c] * x[i, d]
-                        excess[i, d] += A[k, i, d, c] * y[c]
+                        error[c] += a_k[i, d, c] * x[i, d]
+                        excess[i, d] += a_k[i, d, c] * y[c]
             for c in range(r):
                 worst = max(worst, abs(error[c]))
             if gap <= _USEFUL * s and worst < _BALANCED:
@@ -95,12 +97,12 @@ def _grow(A, fixed, growing, start, factors, forces, multipliers):
             for c in range(r):
                 for i in range(n):
                     for d in range(3):
-                        wanted[i, d] = A[k, i, d, c]
+                        wanted[i, d] = a_k[i, d, c]
                 _scale(w, wanted, wanted)
                 for i in range(n):
                     for d in range(3):
                         scaled[i, d, c] = wanted[i, d]
-            _invert(scaled, growing[k], system)
+            _factorise(scaled, growing[k], system)
             step = 0.0
             for turn in range(2):  # towards the optimum, then with what that is wrong by to second order
                 for i in range(n):
@@ -126,26 +128,28 @@ def _grow(A, fixed, growing, start, factors, forces, multipliers):
                 for solution in range(_SOLUTIONS + 1):
                     for i in range(n):
                         for d in range(3):
-                            dx[i, d] = wanted[i, d]
+                            value = wanted[i, d]
                             for c in range(r):
-                                dx[i, d] -= scaled[i, d, c] * change[c]
+                                value -= scaled[i, d, c] * change[c]
+                            dx[i, d] = value
                     if solution == _SOLUTIONS:
                         break
-                    left[r] = last
+                    off = last
                     for c in range(r):
-                        left[c] = error[c] - change[r] * growing[k, c]
-                        left[r] -= growing[k, c] * change[c]
+                        value = error[c] - change[r] * growing[k, c]
+                        off -= growing[k, c] * change[c]
                         for i in range(n):
                             for d in range(3):
-                                left[c] += scaled[i, d, c] * dx[i, d]
-                    for c in range(r + 1):
-                        for e in range(r + 1):
-                            change[c] += system[c, r + 1 + e] * left[e]
+                                value += scaled[i, d, c] * dx[i, d]
+                        left[c] = value
+                    left[r] = off
+                    _add_solution(system, left, change)
                 for i in range(n):
                     for d in range(3):
-                        dz[i, d] = excess[i, d]
+                        value = excess[i, d]
                         for c in range(r):
-                            dz[i, d] += scaled[i, d, c] * change[c]
+                            value += scaled[i, d, c] * change[c]
+                        dz[i, d] = value
                 step = min(1.0, _NEARLY**turn * min(_inside(both, dx), _inside(both, dz)))
             _scale(w, dx, dx)
             s += step * change[r]
@@ -154,14 +158,17 @@ def _grow(A, fixed, growing, start, factors, forces, multipliers):
                     x[i, d] += step * dx[i, d]
                     z[i, d] *= 1 - step
                     for c in range(r):
-                        z[i, d] += step * A[k, i, d, c] * (y[c] + change[c])
+                        z[i, d] += step * a_k[i, d, c] * (y[c] + change[c])
             for c in range(r):
                 y[c] += step * change[c]
 
 
 @compiled
 def _scaling(x, z, w):
-    """Puts the root of the point (three) and the size of the scaling W of each cone with W z = W^-1 x."""
+    """Puts the root of the point (three) and the size of the scaling W of each cone with W z = W^-1 x.
+
+    Last is what `_scale` would divide by for each vector.
+    """
     for i in range(len(x)):
         of_x, of_z = _height(x[i, 0], x[i, 1], x[i, 2]), _height(z[i, 0], z[i, 1], z[i, 2])
         product = x[i, 0] * z[i, 0] + x[i, 1] * z[i, 1] + x[i, 2] * z[i, 2]
@@ -169,7 +176,7 @@ def _scaling(x, z, w):
         w[i, 0] = (x[i, 0] / of_x + z[i, 0] / of_z) / unit
         w[i, 1] = (x[i, 1] / of_x - z[i, 1] / of_z) / unit
         w[i, 2] = (x[i, 2] / of_x - z[i, 2] / of_z) / unit
-        w[i, 3] = np.sqrt(of_x / of_z)
+        w[i, 3], w[i, 4] = np.sqrt(of_x / of_z), 1 / (1 + w[i, 0])
 
 
 @compiled
@@ -184,7 +191,7 @@ def _scale(w, v, out):
     """Puts W v, without differences of large numbers."""
     for i in range(len(w)):
         along = w[i, 1] * v[i, 1] + w[i, 2] * v[i, 2]
-        share = v[i, 0] + along / (1 + w[i, 0])
+        share = v[i, 0] + along * w[i, 4]
         first = w[i, 0] * v[i, 0] + along
         out[i, 0] = w[i, 3] * first
         out[i, 1] = w[i, 3] * (v[i, 1] + share * w[i, 1])
@@ -206,32 +213,39 @@ def _inside(v, change):
 
 
 @compiled
-def _invert(scaled, growing, system):
-    """Puts the inverse of [[G'G, growing], [growing', 0]] into the right half of the system, G (3 n, r)."""
-    size = len(growing) + 1
-    for c in range(size):
-        for e in range(2 * size):
-            system[c, e] = 1.0 if e == size + c else 0.0
-    for c in range(size - 1):
-        system[c, size - 1] = system[size - 1, c] = growing[c]
-        for e in range(size - 1):
-            for i in range(len(scaled)):
-                for d in range(3):
-                    system[c, e] += scaled[i, d, c] * scaled[i, d, e]
-    for c in range(size):
-        pivot = c
-        for e in range(c + 1, size):
-            if abs(system[e, c]) > abs(system[pivot, c]):
-                pivot = e
-        for e in range(2 * size):
-            value = system[pivot, e]
-            system[pivot, e] = system[c, e]
-            system[c, e] = value
-        head = system[c, c]
-        for e in range(2 * size):
-            system[c, e] /= head
-        for b in range(size):
-            factor = system[b, c]
-            if b != c:
-                for e in range(2 * size):
-                    system[b, e] -= factor * system[c, e]
+def _factorise(scaled, growing, system):
+    """Puts factors L D L' of [[G'G, growing], [growing', 0]], G (3 n, r): L, and 1 / D on the diagonal."""
+    r = len(growing)
+    for c in range(r + 1):
+        for e in range(c + 1):
+            value = 0.0
+            if c < r:
+                for i in range(len(scaled)):
+                    for d in range(3):
+                        value += scaled[i, d, c] * scaled[i, d, e]
+            elif e < r:
+                value = growing[e]
+            least = _PIVOT * value  # a pivot below is rounding
+            for f in range(e):
+                value -= system[f, c] * system[e, f]  # above the diagonal are D L'
+            if e < c:
+                system[e, c], system[c, e] = value, value * system[e, e]
+            else:
+                system[c, c] = 1 / (max(value, least) if c < r else value)
+
+
+@compiled
+def _add_solution(system, left, change):
+    """Adds to `change` what the factorised system gives for `left`, which is overwritten."""
+    for c in range(len(left)):
+        value = left[c]
+        for e in range(c):
+            value -= system[c, e] * left[e]
+        left[c] = value
+    for back in range(len(left)):
+        c = len(left) - 1 - back
+        value = left[c] * system[c, c]
+        for e in range(c + 1, len(left)):
+            value -= system[e, c] * left[e]
+        left[c] = value
+        change[c] += value
