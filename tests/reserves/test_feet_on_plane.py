@@ -43,7 +43,19 @@ def random_wrenches(rng, support, turn, count):
     return np.hstack([force @ turn.T, moment @ turn.T])
 
 
-KINDS = (3, 0), (3, 1), (4, 0), (4, 1), (4, 2), (5, 0), (6, 0), (6, 2), (6, 4)  # feet, casters among them
+KINDS = (
+    (3, 0),
+    (3, 1),
+    (4, 0),
+    (4, 1),
+    (4, 2),
+    (5, 0),
+    (6, 0),
+    (6, 2),
+    (6, 4),
+    (9, 0),
+    (12, 3),
+)  # feet, casters among them
 
 
 @examples(25)
@@ -55,7 +67,7 @@ def test_the_usage_is_the_optimum_of_the_cone_program(seed, kind):
     states, shared = solve_resting(support, wrenches), feet_on_plane(support).share(wrenches)
     optimum = Slip(support).evaluate(states, derivatives=False)
     sure = np.isfinite(shared.usage) & states.persistent & optimum.solved
-    np.testing.assert_allclose(shared.usage[sure], optimum.GT[sure], atol=1.5e-7)
+    np.testing.assert_allclose(shared.usage[sure], optimum.GT[sure], atol=2e-9)
     # what needs more than the friction there is does not hold
     moves = np.isfinite(shared.usage) & ~states.persistent & states.solved
     assert np.all(shared.usage[moves] > 1 - 1e-6)
@@ -65,15 +77,15 @@ def test_the_usage_is_the_optimum_of_the_cone_program(seed, kind):
     np.testing.assert_allclose(shared.friction_used[sure], used[sure], atol=1e-6)
 
 
-@pytest.mark.parametrize(("kind", "most"), [((6, 0), 0.1), ((8, 0), 0.25), ((4, 2), 0.1), ((6, 4), 0.25)])
-def test_most_states_on_many_feet_are_certain(kind, most):
+@pytest.mark.parametrize("kind", [(6, 0), (12, 0), (4, 2), (6, 4)])
+def test_nearly_all_states_on_many_feet_are_certain(kind):
     """The others are left to the cone program."""
     rng = np.random.default_rng(5)
     support, turn = random_support(rng, *kind)
     shared = feet_on_plane(support).share(random_wrenches(rng, support, turn, 300))
     pressed = np.isfinite(shared.normal_forces).all(axis=1)
     assert np.count_nonzero(pressed) > 50
-    assert np.mean(np.isnan(shared.usage[pressed])) < most
+    assert np.mean(np.isnan(shared.usage[pressed])) < 0.02
 
 
 def test_nearly_all_states_are_certain_and_all_kinds_of_optima_occur():
@@ -86,7 +98,6 @@ def test_nearly_all_states_are_certain_and_all_kinds_of_optima_occur():
     assert np.count_nonzero(pressed) > 100
     assert np.mean(np.isfinite(shared.usage[pressed])) > 0.99
     assert not np.isfinite(shared.usage[np.any(equal.if_all_pressed < 0, axis=1)]).any()
-    # at an end of the segment a foot carries nothing; of a symmetric load, none need be unloaded
     square = stand_on([[0.3, 0.3, 0], [0.3, -0.3, 0], [-0.3, -0.3, 0], [-0.3, 0.3, 0]], [0.5] * 4)
     twist = feet_on_plane(square).share(square.wrench()[None] + [[0, 0, 0, 0, 0, 10.0]])
     radius, weight = 0.3 * np.sqrt(2), square.mass * 9.81
@@ -119,13 +130,12 @@ def test_margins_are_the_same_with_and_without_a_contact_solver(seed, kind):
     "support",
     [
         stand_on(RECTANGLE[:3], [0.5, 0.0, 0.0]),
-        stand_on([*RECTANGLE, *([0, 0.02 * k, 0] for k in range(5))], [0.5] * 9),
         stand_on(RECTANGLE, [0.5, 0.5, 0.5, 0.001]),
         stand_on([*RECTANGLE[:3], [-0.3, 0.2, 0.1]], [0.5] * 4),
         stand_on([[x, 0, 0] for x in (-0.3, -0.1, 0.1, 0.3)], [0.5] * 4),
         Support([UnilateralContact(position=p, friction=0.5, stiffness=1e5) for p in RECTANGLE], mass=30.0),
     ],
-    ids=["one with friction", "nine", "slippery", "no plane", "a line", "springs"],
+    ids=["one with friction", "slippery", "no plane", "a line", "springs"],
 )
 def test_other_supports_have_none(support):
     assert feet_on_plane(support) is None
