@@ -1,4 +1,4 @@
-"""The figures of plans, scenes, placements and timings in the docs, as the commands draw them.
+"""The figures of plans, scenes, placements, timings and charts in the docs, as the commands draw them.
 
     python -m studies.readme.pictures --out docs
 
@@ -20,6 +20,7 @@ from PIL import Image
 from ocptip.cli.main import main as ocptip
 from studies.common import EXAMPLES
 
+CHART = ["--most", "30", "--levels", "0", "5", "10", "15", "20"]  # as in docs/how-to/load-charts.md
 PLAN = ("motion", "ground", "drives")
 
 
@@ -41,12 +42,14 @@ def draw(out: Path) -> None:
             ["place", f"{tasks / 'place_ur5_wall.toml'}", "--out", f"{folder / 'place'}"],
             ["retime", f"{paths / 'ur5_sweep.json'}", "--task", f"{tasks / 'ur5_cart.toml'}",
              "--tolerance", "none", "--out", f"{folder / 'retime'}"],
+            ["chart", f"{tasks / 'ur5_cart.toml'}", *CHART, "--out", f"{folder / 'chart'}"],
             ["stand", f"{EXAMPLES / 'scenes' / 'rover_on_slope.toml'}", "--plot", f"{folder / 'stand.png'}"],
         ):  # fmt: skip
             if ocptip(arguments):
                 raise SystemExit(f"ocptip {' '.join(arguments)}: not as the docs say")
         for name in PLAN:
             shutil.copy(folder / "plan" / f"{name}.png", out / f"plan-{name}.png")
+        shutil.copy(folder / "chart" / "chart.png", out / "chart.png")
         shutil.copy(folder / "stand.png", out / "stand.png")
         shutil.copy(folder / "retime" / "phase_plane.png", out / "retiming.png")
         stacked([folder / "place" / f"{name}.png" for name in ("placement", "map")], out / "place.png")

@@ -65,7 +65,7 @@ def test_tipping_by_hand_with_one_slewing_joint():
             dead = 20 * inwards @ (0 - FEET[i]) + 3 * inwards @ (0.4 * out - FEET[i])
             lever = inwards @ (0.9 * out - FEET[i])
             if lever < 0:
-                allowed[f"tipping about {i + 1} and {j + 1}"] = (dead - need / GRAVITY) / -lever
+                allowed[f"tipping about contacts {i + 1} and {j + 1}"] = (dead - need / GRAVITY) / -lever
         assert mass == pytest.approx(min(allowed.values()), rel=1e-9)
         assert found.names[limit] == min(allowed, key=allowed.get)
 

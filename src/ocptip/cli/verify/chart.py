@@ -120,8 +120,7 @@ class ChartReport(FolderReport):
         order = np.argsort(-counts)
         shares = [f"{100 * counts[k] / len(result.q):.0f} % {result.largest.names[names[k]]}" for k in order]
         shares = [share for share in shares if not share.startswith("0 %")]
-        limits = [", ".join(shares[k : k + 2]) for k in range(0, len(shares), 2)]
-        rows = under("limited by", [*limits, "(per cent of the postures)"])
+        rows = under("limited by", [*shares, "(per cent of the postures)"])
         if result.broken:
             rows.append(("note", f"{result.broken} postures break a limit without any {result.raised.name}"))
         tolerance = result.limits.tolerance

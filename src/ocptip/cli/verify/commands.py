@@ -188,13 +188,18 @@ COMMANDS = (
             argument(
                 "--levels",
                 "L",
-                "values of the reaches by azimuth, kg, deg or N (default: zero, the task's payload, and what "
-                "90 to 10 %% of postures keep)",
+                "values whose largest reach is charted by azimuth, kg, deg or N (default: zero, the task's "
+                "payload, and what 90 to 10 %% of postures keep)",
                 nargs="+",
                 type=float,
             ),
             argument("--sectors", "N", "sectors of the azimuth (default: 8)", type=int, default=8),
-            argument("--cell", "M", "size of the cells of reach and height, m", type=float),
+            argument(
+                "--cell",
+                "M",
+                "size of the cells of reach and height, m (default: at most 8 of each)",
+                type=float,
+            ),
             argument(
                 "--most",
                 "L",

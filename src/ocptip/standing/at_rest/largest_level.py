@@ -109,7 +109,7 @@ class _LevelSearch:
         self._reference = np.array([reference - slope, slope])
 
         pairs = [sorted({k + 1 for k in axis.contacts}) for axis in self.robot.tip_over.axes]
-        tips = [f"tipping about {' and '.join(map(str, pair))}" for pair in pairs]
+        tips = [f"tipping about contacts {' and '.join(map(str, pair))}" for pair in pairs]
         torques = [f"torque of {name}" for name in self.robot.names]
         self.names = (*tips, "friction", *torques, largest_tried(raised.name))
         self._axes = len(tips)
