@@ -697,7 +697,7 @@ def test_a_verified_motion_that_is_not_proved_is_planned_again_a_little_tighter(
     assert before.check.worst["GT_worst_case"].value > 0.999 * limits.GT_worst_case
     checked = certified(task.robot, before.motion, before.check, limits)
     assert not checked.certified
-    ((limit, short, times),) = search._not_proved(checked)
+    ((limit, short, times),) = checked.not_proved(search._asked)
     assert (limit.result, times) == ("GT_worst_case", [checked.worst["GT_worst_case"].time])
     assert 1e-4 < short < 5e-3
     after = search.proved(before, certified)
@@ -738,3 +738,7 @@ def test_what_intervals_lack_says_which_limit_to_tighten_and_when():
     assert (short, times) == (2e-3, [pytest.approx(0.2)])
     assert found.short_of("slip", "GT", 0.9) == (0.0, [])
     assert found.short_of("tip-over", "GN", 0.9)[0] == 1e-3
+    of_glass = Undecided(0.1, 0.3, "glass: contacts", 4e-3)
+    found = Certificate({}, Verdict(False, (), {}, 0), undecided=(of_glass,))
+    assert found.short_of("slip of glass", "GT[glass]", 0.9) == (4e-3, [pytest.approx(0.2)])
+    assert found.short_of("slip", "GT", 0.9) == (0.0, [])

@@ -21,7 +21,7 @@ from ocptip.certificate.checks import certified
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import cycle_check
 from ocptip.motion.cycles.task import CycleTask, refuse_driving, refuse_objects
-from ocptip.motion.files.execution import Execution, execute, slowed_as_needed
+from ocptip.motion.files.execution import Execution, execute, slowed_as_needed, slower_to_prove
 from ocptip.motion.files.plan_files import run_by
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.objective import TIME, objective_of
@@ -95,9 +95,12 @@ class Timing:
             task = driven(task, profile)
             fit, robot = fit.some(slice(len(POSE), None)), task.robot
         stage("proving the timing ...")
-        proved = certified(robot, execution.motion, execution.check, limits)
+        checked = certified(robot, execution.motion, execution.check, limits)
+        execution = replace(execution, check=checked)
+        if base is None:
+            execution = slower_to_prove(robot, timed.motion, limits, execution, certified)
         before = None if task.reference is None else check_motion(robot, task.reference, limits)
-        return cls(task, fit, timed, replace(execution, check=proved), before)
+        return cls(task, fit, timed, execution, before)
 
     @property
     def plan(self) -> MotionPlan:

@@ -69,6 +69,12 @@ class Undecided:
     claim: str
     short: float
 
+    @property
+    def limit(self) -> str:
+        """Name of the limit that the claim is about."""
+        of_object, _, claim = self.claim.rpartition(": ")
+        return claim.replace("contacts", "slip") + (f" of {of_object}" if of_object else "")
+
     def remedy(self, worst: Mapping[str, float]) -> str:
         """What helps, with the worst sampled values by name: a limit by as much below them."""
         of_object, _, claimed = self.claim.rpartition(": ")
@@ -163,11 +169,11 @@ class Certificate:
         """By how much it falls short of proving a limit, and the middles of the intervals, s.
 
         Args:
-            limit: its name.
+            limit: its name, with that of the object, if it is about one.
             key: of its bound.
             number: the limit.
         """
-        matching = [one for one in self.undecided if one.claim.replace("contacts", "slip") == limit]
+        matching = [one for one in self.undecided if one.limit == limit]
         beyond = (
             self.verdict.bounds.get(key, number) - number if self.verdict.holds and not self.kept else 0.0
         )

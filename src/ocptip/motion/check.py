@@ -7,7 +7,7 @@ around the worst instants until these no longer move. The rest before and after 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -31,7 +31,7 @@ from ocptip.standing.elastic.drives import DriveMotion, on_its_drives
 from ocptip.standing.elastic.feet import FeetMotion, on_its_feet
 from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.limit_kinds.kinds import limits_of
-from ocptip.standing.limit_kinds.limit import SAMPLED, Sampled, Worst
+from ocptip.standing.limit_kinds.limit import SAMPLED, AskedLimit, Sampled, Worst
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.within.in_motion import WithinTolerance, worst_of_sampled
@@ -153,6 +153,17 @@ class MotionCheck:
             if worst.broken and worst.limit > 0 and name not in OF_PATH
         ]
         return max(ratios, default=1.0) ** 0.5
+
+    def not_proved(self, asked: Iterable[AskedLimit]) -> list[tuple[AskedLimit, float, list[float]]]:
+        """Limits that the certificate leaves open, by how much, and when, s."""
+        results = []
+        for limit in asked if self.certificate is not None else ():
+            assert self.certificate is not None
+            key = limit.robot.interfaces[limit.interface].result(limit.setting)
+            short, times = self.certificate.short_of(limit.name, key, limit.number)
+            if short > 0:
+                results.append((limit, short, times or [self.worst[limit.result].time]))
+        return results
 
     @property
     def proved_while_moving(self) -> bool:

@@ -52,13 +52,13 @@ def plan_motion(
 
     The stages are those of `ocptip.motion.multi_start`: random starts, changes of the best, rise times where
     the task gives none, and with `prove` the certificate. Where that leaves something open, the motion is
-    solved again, a little tighter there, and the proved one wins if it costs at most 0.5 % more. Where the
-    task leaves a choice of postures, the most promising pairs of start and goal get one start each. The best
-    of them gets the others, see `ocptip.motion.choices`. The result depends on task, starts and seed only,
-    not on where the starts run. An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A
-    worker that dies is replaced and its job run again; a start that kills two is left out, see `lost`, and so
-    is such a change. Some executors, such as a ProcessPoolExecutor, break with their worker. Then the
-    death ends the planning like an interrupt, with a RuntimeWarning.
+    made a little slower, or solved again, tighter there, and the proved one wins if it costs at most 2 %
+    more. Where the task leaves a choice of postures, the most promising pairs of start and goal get one
+    start each. The best of them gets the others, see `ocptip.motion.choices`. The result depends on task,
+    starts and seed only, not on where the starts run. An interrupt (Ctrl-C) ends the planning with the best
+    verified plan so far. A worker that dies is replaced and its job run again; a start that kills two is left
+    out, see `lost`, and so is such a change. Some executors, such as a ProcessPoolExecutor, break with their
+    worker. Then the death ends the planning like an interrupt, with a RuntimeWarning.
 
     Where the poses of a cycle leave a choice of postures, the most promising sequences get two starts per
     segment; the best one, by the cost of its verified plans, gets the others. An interrupt leaves all

@@ -104,7 +104,7 @@ def place_for_cycle(
 
     Candidates are the distinct optima at rest (all poses, all constraints) and, where these are fewer than
     asked for, the best sampled places apart from them that keep all constraints. On each the cycle is
-    planned. The cheapest gets its certificates, and with them motions that may cost up to 0.5 % more.
+    planned. The cheapest gets its certificates, and with them motions that may cost up to 2 % more.
 
     Args:
         problem: with all poses of the cycle as gripper tasks.

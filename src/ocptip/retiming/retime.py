@@ -25,7 +25,7 @@ from ocptip.retiming.while_driving import clocks_to_try
 from ocptip.retiming.whole_body import BaseLimits, Run, able_to_drive
 from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.kinds import limits_of
-from ocptip.standing.limit_kinds.limit import AskedLimit
+from ocptip.standing.limit_kinds.limit import AskedLimit, tightened
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.drive_profile import POSE
@@ -411,9 +411,12 @@ def _within_peaks(run: Run, jerk: np.ndarray | None = None) -> tuple[Run, float]
 def _tightened(robot: StandingMechanism, asked: Limits, limits: Limits, checked: MotionCheck) -> Limits:
     """The numbers asked for, tighter where a motion broke them; the same where that does not help."""
     names = [name for name, worst in checked.worst.items() if worst.broken and name not in OF_PATH]
-    for limit in limits_of(robot, limits):
-        if isinstance(limit, AskedLimit) and limit.result in names and not limit.of_place:
-            asked = limit.tightened(asked, _MORE * checked.worst[limit.result].excess)
+    broken = [
+        (limit, _MORE * checked.worst[limit.result].excess)
+        for limit in limits_of(robot, limits)
+        if isinstance(limit, AskedLimit) and limit.result in names and not limit.of_place
+    ]
+    asked = tightened(asked, broken)
     if not checked.stands and not names:  # of several states of the contacts the solver's is one that slides
         asked = replace(asked, GT=0.97 * asked.GT)
     return asked

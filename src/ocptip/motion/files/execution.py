@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Literal, cast
 
-from ocptip.motion.check import OF_PATH, MotionCheck, check_motion
+from ocptip.motion.check import OF_PATH, MotionCheck, Prove, check_motion
+from ocptip.motion.provable import C, proved_slower
 from ocptip.motion.violations import stated
 from ocptip.numerics.bisection import bisected
 from ocptip.numerics.time_limit import TimeBudget
-from ocptip.standing.limit_kinds.limit import Worst
+from ocptip.standing.limit_kinds.kinds import limits_of
+from ocptip.standing.limit_kinds.limit import AskedLimit, Worst
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE
@@ -169,16 +171,26 @@ def execute(
     return result
 
 
-class Checked(Protocol):
-    """A motion with its check."""
+def slower_to_prove(
+    robot: StandingMechanism, motion: Trajectory, limits: Limits, run: Execution, prove: Prove
+) -> Execution:
+    """The execution of a timing, with its proof; slower where that completes one which falls short of limits.
 
-    @property
-    def check(self) -> MotionCheck:
-        """Of the motion."""
-        ...
+    Args:
+        robot, motion, limits: as for `execute`.
+        run: what it gave, with a certificate.
+        prove: gives certificates.
+    """
+    if run.check.certified:
+        return run
 
+    def again(factor: float) -> Execution:
+        first, controller = factor * run.slower, cast(Controller, run.controller)
+        slower = execute(robot, motion, limits, controller, step=run.step, first=first)
+        return replace(slower, check=prove(robot, slower.motion, slower.check, limits))
 
-C = TypeVar("C", bound=Checked)
+    asked = [limit for limit in limits_of(robot, limits) if isinstance(limit, AskedLimit)]
+    return proved_slower(run, again, asked) or run
 
 
 def slowed_as_needed(tried: Callable[[float], C], first: float = 1.0, slowest: float = SLOWEST) -> C | None:

@@ -15,12 +15,13 @@ from ocptip.motion.planner.formulation import Formulation, Smoothing
 from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.program import MotionProgram, Pull
 from ocptip.motion.planner.random_start import random_change, random_start
+from ocptip.motion.provable import AHEAD, DEARER, PROOFS, Timed, proved_slower, within_reach
 from ocptip.motion.task import MotionTask
 from ocptip.motion.violations import broken_words
 from ocptip.numerics.ipopt import ending
 from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.limit_kinds.kinds import limits_of
-from ocptip.standing.limit_kinds.limit import AskedLimit
+from ocptip.standing.limit_kinds.limit import AskedLimit, tightened
 from ocptip.standing.limit_kinds.worst_case import as_described
 from ocptip.standing.limits import Limits
 from ocptip.trajectories.trajectory import Trajectory
@@ -39,8 +40,6 @@ SOLVED = 1e-4  # largest violation of an exact program that is good enough to be
 HOPELESS = 0.05  # largest violation from which a motion is worth its check
 LOST = 1.0  # largest violation from which, with rows of stops, no other pace leads anywhere
 TIGHTENINGS = 5
-PROOFS, DEARER = 2, 1.005  # so often a motion is solved again to be proved, if it costs at most so much more
-AHEAD = 2  # times what a proof falls short are limits tightened, for proofs are a little different each time
 WORSE_EXACT = (
     1.0005  # times what a motion costs: what an exact program may have, to replace it once it is checked
 )
@@ -228,15 +227,25 @@ class Search:
     def _made_provable(
         self, motion: Trajectory, checked: MotionCheck, prove: Prove, clock: Clock
     ) -> tuple[Trajectory, MotionCheck] | None:
-        """A proved motion near one that is not, if the search reaches one."""
+        """A proved motion near one that is not: slower, which needs no program, or else a tighter one."""
         cost, refiner, exact = self._cost(checked), Refiner(self.formulation, self.inner), None
+
+        def again(factor: float) -> Timed:
+            slower = motion.slowed(factor)
+            checked = check_motion(self.task.robot, slower, self.task.limits)
+            return Timed(slower, prove(self.task.robot, slower, checked, self.task.limits))
+
+        slower = proved_slower(Timed(motion, checked), again, self._asked)
+        clock.stage("proof")
+        if slower and self._cost(slower.check) <= DEARER * cost:
+            return slower
         try:
             for _ in range(PROOFS):
-                faults = self._not_proved(checked)
-                if not faults or any(short > PROOFS * limit.largest_step for limit, short, _ in faults):
+                faults = checked.not_proved(self._asked)
+                if not within_reach(faults):
                     break
-                for limit, short, _ in faults:
-                    refiner.limits = limit.tightened(refiner.limits, AHEAD * short)
+                ahead = [(limit, AHEAD * short) for limit, short, _ in faults]
+                refiner.limits = tightened(refiner.limits, ahead)
                 exact = exact or self._ordered(refiner, self.formulation.variables(motion), clock)
                 exact = refiner.again(exact, [time for *_, times in faults for time in times])
                 clock.stage("exact")
@@ -252,17 +261,6 @@ class Search:
         finally:
             clock.count(refiner)
         return None
-
-    def _not_proved(self, checked: MotionCheck) -> list[tuple[AskedLimit, float, list[float]]]:
-        """Limits that the certificate leaves open, by how much, and when, s."""
-        results = []
-        proof = checked.certificate
-        for limit in self._asked if proof is not None else []:
-            assert proof is not None
-            shorts, times = proof.short_of(limit.name, limit.setting, limit.number)
-            if shorts > 0:
-                results.append((limit, shorts, times or [checked.worst[limit.result].time]))
-        return results
 
     def _refined(
         self, x: np.ndarray, clock: Clock, most: float = np.inf
@@ -380,9 +378,14 @@ class Search:
             faults = [(limit, w) for limit, w in worst if w.excess > 0]
             if checked.verified or not faults:
                 break
-            for limit, w in faults:
-                if attempt or not limit.rows_first or w.excess <= limit.largest_step:
-                    refiner.limits = limit.tightened(refiner.limits, w.excess)
+            refiner.limits = tightened(
+                refiner.limits,
+                [
+                    (limit, w.excess)
+                    for limit, w in faults
+                    if attempt or not limit.rows_first or w.excess <= limit.largest_step
+                ],
+            )
             try:
                 exact = refiner.again(exact, [w.time for _, w in faults])
                 clock.stage("exact")

@@ -13,7 +13,7 @@ The kinds and their list are in `kinds`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -320,6 +320,16 @@ class AskedLimit(Limit):
         value = getattr(asked, self.setting)
         step = min(max(excess, self.smallest_step), self.largest_step)
         return replace(asked, **{self.setting: max(value - step, value / 2)})
+
+
+def tightened(asked: Limits, faults: Iterable[tuple[AskedLimit, float]]) -> Limits:
+    """Numbers asked for, tighter by about their excess; one that several interfaces share by the largest."""
+    largest: dict[tuple[type[AskedLimit], str], tuple[AskedLimit, float]] = {}
+    for limit, excess in sorted(faults, key=lambda fault: fault[1]):
+        largest[type(limit), limit.setting] = limit, excess
+    for limit, excess in largest.values():
+        asked = limit.tightened(asked, excess)
+    return asked
 
 
 class WholeMotionLimit(AskedLimit):

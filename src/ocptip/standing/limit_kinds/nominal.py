@@ -14,6 +14,9 @@ from ocptip.standing.limit_kinds.rows import NodeRows, RowNodes
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 
+OF_OBJECTS = 0.02
+"""By how much limits of objects are tightened at once, at most."""
+
 
 class ContactLimit(AskedLimit):
     """A quantity of the contacts in one scenario.
@@ -50,6 +53,8 @@ class ContactLimit(AskedLimit):
         self.result = footing.result(self.result)
         if interface:
             self.name = f"{self.name} of {footing.name}"
+            # Proofs share friction among the contacts by a rule, which needs up to 2 % more than the optimum.
+            self.largest_step = max(self.largest_step, OF_OBJECTS)
         # Objects have many contacts, whose exact friction utilisation takes ten times as long.
         self.quantity = quantity(footing, self.number, smooth=self.smooth and interface > 0)
 
