@@ -46,20 +46,22 @@ def within_reach(faults: Faults) -> bool:
 def proved_slower(run: C, again: Callable[[float], C], asked: Sequence[AskedLimit]) -> C | None:
     """A slower motion with a complete proof; None: there is none for a little more time.
 
-    Friction that accelerations need falls by the square of the factor.
-
     Args:
         run: a motion whose proof falls short.
         again: the same with all its times stretched by a factor, with its proof if it keeps its limits.
         asked: limits that proofs are compared with.
     """
-    factor, slower = 1.0, run
+    factor, slower, first = 1.0, run, 0.0
+    gain = 2.0  # of the share that is missing, by a factor near 1: loads fall by its square
     for _ in range(PROOFS):
         faults = slower.check.not_proved(asked)
         if not within_reach(faults) or any(limit.of_place for limit, *_ in faults):
             break
-        factor *= max(1 + AHEAD * short / limit.number for limit, short, _ in faults) ** 0.5
-        if factor > DEARER:
+        missing = max(short / limit.number for limit, short, _ in faults)
+        if factor > 1:
+            gain = (first - missing) / (factor - 1)  # parts of loads do not depend on speed
+        first = first or missing
+        if gain <= 0 or (factor := factor + AHEAD * missing / gain) > DEARER:
             break
         slower = again(factor)
         if slower.check.certified:
