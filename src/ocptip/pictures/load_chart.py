@@ -98,15 +98,18 @@ def _above(
     ends = edges[1][1:]
     every = (len(ends) + _RINGS - 1) // _RINGS
     ax.set_yticks(ends[::-every][::-1])
-    ax.yaxis.set_major_formatter("{x:.3g} m")
-    _readable_ticks(ax)
+    _readable_ticks(ax, " m")
 
 
-def _readable_ticks(ax: Any) -> None:
-    """Small labels of polar axes, above what is drawn."""
+def _readable_ticks(ax: Any, unit: str = "") -> None:
+    """Small labels of polar axes; those of radii are texts, as lines are above labels of ticks."""
     ax.tick_params(labelcolor=style.NOTE, labelsize=8)
-    for label in ax.get_yticklabels():
-        label.set(zorder=8, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.8})
+    ends = [end for end in ax.get_yticks() if 0 < end <= ax.get_ylim()[1]]
+    ax.set_yticks(ends, labels=[""] * len(ends))
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.8}
+    for end in ends:
+        text = {"color": style.NOTE, "fontsize": 8, "ha": "center", "va": "center", "zorder": 8, "bbox": box}
+        ax.text(np.pi / 8, end, f"{end:.3g}{unit}", **text)
 
 
 def _beside(
