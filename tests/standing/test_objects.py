@@ -2,6 +2,7 @@
 
 import dataclasses
 from functools import partial
+from types import SimpleNamespace
 
 import casadi as cs
 import clarabel
@@ -20,7 +21,7 @@ from ocptip.motion.files.execution import execute, slower_to_prove
 from ocptip.motion.margins import motion_margins
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.objective import TIME
-from ocptip.motion.provable import DEARER
+from ocptip.motion.provable import DEARER, proved_slower
 from ocptip.motion.stops.cancels import safe_decelerations
 from ocptip.motion.stops.check import check_stops
 from ocptip.motion.stops.rules import StopRules
@@ -286,6 +287,24 @@ def test_a_timing_is_as_much_slower_as_the_proof_of_its_object_asks_for():
     unproved = dataclasses.replace(run.check.certificate, verdict=coarse)
     run = dataclasses.replace(run, check=dataclasses.replace(run.check, certificate=unproved))
     assert slower_to_prove(robot, timed.motion, limits, run, stand_in_proof) is run  # costs too much
+
+
+def test_a_second_try_counts_what_the_first_one_gained():
+    """Half of the friction is needed at rest already."""
+    robot = on_a_slide([SLIPPERY])
+    limit = next(limit for limit in limits_of(robot, Limits()) if limit.name == "slip of low")
+    tried = list[float]()
+
+    def again(factor):
+        tried.append(factor)
+        short = 0.5 + 0.408 / factor**2 - limit.number
+        faults = [(limit, short, [0.1])] if short > 0 else []
+        return SimpleNamespace(check=SimpleNamespace(certified=not faults, not_proved=lambda asked: faults))
+
+    found = proved_slower(again(1.0), again, [limit])
+    assert found.check.certified
+    assert len(tried) == 3
+    assert (0.408 / 0.4) ** 0.5 < tried[-1] < 1.012
 
 
 def test_a_number_that_three_objects_share_is_tightened_once():
