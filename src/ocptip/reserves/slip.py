@@ -167,7 +167,7 @@ class Slip:
         if self._sets.held:
             WheelForces(self.support, self._sets).redistribute(work)
         elif self.redistribution == "full":
-            self._redistribute_where_it_decides(work, least, only_maximum, derivatives)
+            self._share_where_it_decides(work, least, only_maximum, derivatives)
         return self._result(work, derivatives)
 
     def half_spaces(self, GT: float) -> np.ndarray | None:
@@ -272,9 +272,7 @@ class Slip:
             for row, solved, status in zip(rows, optimum.solved, optimum.status, strict=True):
                 work.status[row] = "solved" if solved else f"not proved, an upper bound (Clarabel: {status})"
 
-    def _redistribute_where_it_decides(
-        self, work: _Work, least: float, only_maximum: bool, exact: bool
-    ) -> None:
+    def _share_where_it_decides(self, work: _Work, least: float, only_maximum: bool, exact: bool) -> None:
         """In full, the states with the largest upper bounds first."""
         certified = work.gap <= GAP_TOLERANCE * np.maximum(1.0, work.ratio)
         bound = np.where(certified, work.ratio, np.inf)

@@ -159,13 +159,11 @@ class Formulation:
     def polished(
         self, order: EventOrder, structure: Structure, x: np.ndarray, meet: float = MEET
     ) -> np.ndarray:
-        """x moved a little (least squares) so that all equalities hold to rounding, order rows that bind too.
+        """x moved a little (least squares): all equalities hold to rounding, order rows below `meet`, s, too.
 
         Ipopt leaves errors of about 1e-8 s, in which simultaneous switching times would follow one another.
-        Order rows bind that are below `meet`, s.
         """
-        equal = structure.lower == structure.upper
-        first = len(equal) - len(order.steps)
+        equal, first = structure.lower == structure.upper, len(structure.lower) - len(order.steps)
         for within in (meet, MEET, 0.0):  # what cannot all be met is left as it is
             moved = np.clip(x, structure.x_lower, structure.x_upper)
             for edge in (structure.x_lower, structure.x_upper):
