@@ -92,7 +92,7 @@ def test_plans_and_timings_keep_limits_of_tcp_and_elbow(tmp_path, name):
     timed = retime(robot, path_of_motion(free).path, task.limits, nodes=40)
     for motion, check in ((slow.motion, slow.check), (timed.motion, timed.check)):
         assert check.verified
-        assert motion.end > free.end
+        assert motion.end > free.end * (1 - 1e-5)  # in both switching times that nearly meet are one
         speeds = point(*motion.states(np.linspace(0, motion.end, 2001))[:2])
         assert 0.8 * limit < np.max(speeds) <= limit * (1 + 1e-6)
 

@@ -95,7 +95,7 @@ def passive_command(
         return RampCommand(phi_goal, v, a_limit)
     earliest = float(earliest_end(way, v, a_limit))
     if not number_from("end", end) >= earliest * (1 - 1e-12):
-        raise InputError(f"end: must be >= {earliest:.6g} s at the joint's limits, got {end!r}")
+        raise InputError(f"end: must be >= {earliest:.6g} s at the joint's limits, got {end:.9g}")
     acceleration = v / (end - way / v) if way > 0.5 * v * end else 4 * way / end**2
     return RampCommand(phi_goal, v, min(acceleration, a_limit))  # above it by rounding only
 

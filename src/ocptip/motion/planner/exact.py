@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.motion.planner.deviating import (
     MEET,
     Deviating,
@@ -218,6 +219,11 @@ class Refiner:
         return chosen
 
     def motion(self, exact: Exact) -> Trajectory:
-        """The motion of an exact solution; switching times that it leaves nearer than `MET` are one."""
-        x = self.formulation.polished(exact.order, exact.program.structure, exact.solution.x, MET)
-        return self.formulation.motion(x)
+        """The motion of an exact solution; switching times that it leaves nearer than `MET` are one, if there
+        is such a motion.
+        """
+        given = exact.order, exact.program.structure, exact.solution.x
+        try:
+            return self.formulation.motion(self.formulation.polished(*given, MET))
+        except InputError:  # joints that are not optimised do not reach their goals so early
+            return self.formulation.motion(self.formulation.polished(*given))

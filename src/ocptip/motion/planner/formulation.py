@@ -127,12 +127,12 @@ class Formulation:
         Raises:
             InputError: no commands produce these phases.
         """
-        layout, arm = self.layout, self.robot.limits
-        start, goal = self.ends.values(layout, x)
+        layout, arm, (start, goal) = self.layout, self.robot.limits, self.ends.values(self.layout, x)
         commands: list[tuple[RampCommand, ...]] = [
-            (passive_command(start[j], goal[j], x[layout.end], arm.speed[j], arm.acceleration[j]),)
+            () if j in layout.joints
+            else (passive_command(start[j], goal[j], x[layout.end], arm.speed[j], arm.acceleration[j]),)
             for j in range(layout.n)
-        ]
+        ]  # fmt: skip
         for j, joint in enumerate(layout.joints):
             if goal[joint] == start[joint] and np.all(np.abs(x[layout.w(j)]) <= SLOWEST):
                 commands[joint] = (RampCommand(goal[joint], 1.0, 1.0),)
@@ -159,9 +159,9 @@ class Formulation:
     def polished(
         self, order: EventOrder, structure: Structure, x: np.ndarray, meet: float = MEET
     ) -> np.ndarray:
-        """x moved a little (least squares): all equalities hold to rounding, order rows below `meet`, s, too.
+        """x moved a little (least squares): equalities, and order rows below `meet`, s, hold to rounding.
 
-        Ipopt leaves errors of about 1e-8 s, in which simultaneous switching times would follow one another.
+        Ipopt leaves errors of about 1e-8 s: simultaneous switching times would follow one another.
         """
         equal, first = structure.lower == structure.upper, len(structure.lower) - len(order.steps)
         for within in (meet, MEET, 0.0):  # what cannot all be met is left as it is
