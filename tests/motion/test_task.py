@@ -380,7 +380,7 @@ POSE = "goal_pose = { position = [0.2, 0, 0.5], rpy_deg = [0, 90, 0] }"
             changed(URDF, base_link='base_link = "bse"'),
             "arm.base_link: no 'bse'; candidates: base, upper, .*did you mean 'base'",
         ),
-        (changed(URDF, tool_frame=None), "arm.tool_frame: is missing, candidates: finger, tip"),
+        (changed(URDF, tool_frame=None), "arm.tool_frame: is missing, candidates: lower, tip"),
         (changed(URDF, locked_m='locked_m = { "gr?p*" = 1, "x*" = 1 }'), r"no joint 'x\*'; there are hip, "),
         (changed(URDF, locked_m="locked_m = { knee = 1 }"), "joint 'knee' turns, its key is locked_deg"),
         (changed(URDF, locked_m="locked_deg = { grip = 10 }"), "joint 'grip' slides, its key is locked_m"),
