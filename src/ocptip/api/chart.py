@@ -89,6 +89,7 @@ def chart(
     for name, value in (
         *(("foot_width", size) for size in foot_width),
         *(("speed_override", share) for share in speed_override),
+        *([("cell", cell)] if cell is not None else []),
     ):
         positive_number(name, value)
     if of not in KINDS:
@@ -121,9 +122,8 @@ def chart(
     )
     if not len(wanted) or np.any(wanted < 0):
         raise InputError(f"levels: must be one or more >= 0 {raised.unit}, got {wanted.tolist()}")
-    made = LoadChart.of(
-        result.name, robot, raised, limits, q, largest, (samples, seed), wanted, sectors, cell, tried, shares
-    )
+    about = result.name, robot, raised, limits, q, largest
+    made = LoadChart(*about, (samples, seed), sectors, cell, wanted, tried, shares)
     others = [(BALLAST, size, kept(ballasted(support, support.mass + size))) for size in ballast]
     others += [(FOOT_WIDTH, size, kept(widened(support, size))) for size in foot_width]
     others += [(SPEED, share, kept(support, share)) for share in speed_override]

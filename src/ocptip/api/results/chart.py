@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import positive_number
 from ocptip.basics.outputs import SavedFolder
 from ocptip.basics.text import percent, quantity
 from ocptip.basics.write import versions
@@ -40,10 +39,9 @@ class LoadChart(SavedFolder):
         limits: that are kept, with the uncertainty.
         q: (N, n), rad (prismatic joints: m): the postures that do not collide.
         largest: their largest levels, SI units, and what limits them.
-        places: (N, 3): azimuth, rad, from the base's x axis to y; reach, m, the horizontal distance of the
-            TCP from the centre of the contacts; height, m, above the lowest contact.
         drawn: number of postures that were drawn, and the seed.
-        edges: of the cells: azimuth, rad, reach and height, m.
+        sectors: of the azimuth.
+        cell: m, size of the cells of reach and height; None: at most 8 of each.
         levels: kg, deg or N, of the reaches by azimuth.
         most: kg, deg or N, the largest level that was tried.
         shares: of the limits of speed and acceleration of the joints, by option; height of a push, m.
@@ -57,46 +55,32 @@ class LoadChart(SavedFolder):
     limits: Limits
     q: np.ndarray
     largest: LargestLevels
-    places: np.ndarray
     drawn: tuple[int, int]
-    edges: tuple[np.ndarray, np.ndarray, np.ndarray]
+    sectors: int
+    cell: float | None
     levels: np.ndarray
     most: float
     shares: dict[str, float]
     designs: tuple[DesignLevels, ...] = ()
 
-    @classmethod
-    def of(
-        cls,
-        name: str,
-        robot: Robot,
-        raised: Raised,
-        limits: Limits,
-        q: np.ndarray,
-        largest: LargestLevels,
-        drawn: tuple[int, int],
-        levels: np.ndarray,
-        sectors: int,
-        cell: float | None,
-        most: float,
-        shares: dict[str, float],
-    ) -> LoadChart:
-        """The chart with its cells."""
-        feet = np.array([contact.position for contact in robot.support.contacts])
-        tool = robot.tool(q) - [*feet[:, :2].mean(axis=0), feet[:, 2].min()]
-        reach = np.hypot(tool[:, 0], tool[:, 1])
-        # Sectors are about their middle, so that straight ahead is one of them.
-        turn = 2 * np.pi / sectors
-        azimuth = (np.arctan2(tool[:, 1], tool[:, 0]) + turn / 2) % (2 * np.pi) - turn / 2
-        around = turn * (np.arange(sectors + 1) - 0.5)
-        step = None if cell is None else positive_number("cell", cell)
-        edges = (
-            around,
-            _edges(0.0, reach, step),
-            _edges(float(tool[:, 2].min()) if len(q) else 0.0, tool[:, 2], step),
-        )
-        places = np.column_stack([azimuth, reach, tool[:, 2]])
-        return cls(name, robot, raised, limits, q, largest, places, drawn, edges, levels, most, shares)
+    @cached_property
+    def places(self) -> np.ndarray:
+        """(N, 3): azimuth, rad, from the base's x axis to y; reach, m, the horizontal distance of the TCP
+        from the centre of the contacts; height, m, above the lowest contact.
+        """
+        feet = self._feet
+        tool = self.robot.tool(self.q) - [*feet[:, :2].mean(axis=0), feet[:, 2].min()]
+        half = np.pi / self.sectors  # sectors are about their middle, so that straight ahead is one of them
+        azimuth = (np.arctan2(tool[:, 1], tool[:, 0]) + half) % (2 * np.pi) - half
+        return np.column_stack([azimuth, np.hypot(tool[:, 0], tool[:, 1]), tool[:, 2]])
+
+    @cached_property
+    def edges(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of the cells: azimuth, rad, reach and height, m."""
+        reach, height = self.places[:, 1:].T
+        lowest = float(height.min()) if len(self.q) else 0.0
+        around = 2 * np.pi / self.sectors * (np.arange(self.sectors + 1) - 0.5)
+        return around, _edges(0.0, reach, self.cell), _edges(lowest, height, self.cell)
 
     @cached_property
     def values(self) -> np.ndarray:

@@ -20,7 +20,7 @@ from ocptip.numerics.bisection import borders
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.model import ArmModel
 from ocptip.standing.at_rest.joint_box import JointBox
-from ocptip.standing.at_rest.raised import Raised
+from ocptip.standing.at_rest.raised import Broken, Raised
 from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.standing.within.deviations import Deviations
@@ -263,7 +263,7 @@ class _LevelSearch:
         besides = np.broadcast_to(besides, left.shape)
         some = WorstDeviations(worst.values[broken], worst.theta[broken], worst.slopes[broken])
         now = levels, left[broken], -besides[broken]
-        levels = self.raised.zero(loaded.deviations, s[broken], some, *now)
+        levels = self.raised.zero(Broken(loaded.deviations, s[broken], some, *now))
         empty = self.levels[rows] == 0  # broken at level zero
         self._lower(rows, np.where(empty, -1.0, levels), names)
         return rows[(levels >= 0) & ~empty]

@@ -6,7 +6,7 @@ a cosine of the tilt. So each kind says where such a margin is zero, with all el
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -22,6 +22,25 @@ from ocptip.standing.within.torques import maximum_torques
 from ocptip.standing.within.worst_case import WorstCase, WorstDeviations
 
 _FLAT = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Broken:
+    """Limits that are broken in k states at their levels.
+
+    Attributes:
+        deviations, s, worst: there.
+        levels: (k,) that are too high.
+        left: (k,) what is left of each limit, negative.
+        per_level: (k,) what else it changes per level.
+    """
+
+    deviations: Deviations
+    s: np.ndarray
+    worst: WorstDeviations
+    levels: np.ndarray
+    left: np.ndarray
+    per_level: np.ndarray
 
 
 class Raised:
@@ -62,23 +81,8 @@ class Raised:
         """What functionals a of the wrench lose per level besides, at most; of postures by rows."""
         return np.zeros(1)
 
-    def zero(
-        self,
-        deviations: Deviations,
-        s: np.ndarray,
-        worst: WorstDeviations,
-        levels: np.ndarray,
-        left: np.ndarray,
-        per_level: np.ndarray,
-    ) -> np.ndarray:
-        """(k,) levels at which margins are zero with these deviations; -1: at none.
-
-        Args:
-            deviations, s, worst: at the present levels (k,).
-            levels: that are too high.
-            left: (k,) what is left of each limit, negative.
-            per_level: (k,) what else it changes per level.
-        """
+    def zero(self, broken: Broken) -> np.ndarray:
+        """(k,) levels at which margins are zero with these deviations; -1: at none."""
         raise NotImplementedError
 
     def torques(
@@ -122,23 +126,17 @@ class RaisedPayload(Raised):
         """See `Raised`."""
         return cases.loaded(levels)
 
-    def zero(
-        self,
-        deviations: Deviations,
-        s: np.ndarray,
-        worst: WorstDeviations,
-        levels: np.ndarray,
-        left: np.ndarray,
-        per_level: np.ndarray,
-    ) -> np.ndarray:
+    def zero(self, broken: Broken) -> np.ndarray:
         """See `Raised`: tangents."""
-        more = worst.theta.copy()
+        deviations, s, theta = broken.deviations, broken.s, broken.worst.theta
+        more = theta.copy()
         more[:, deviations.places["payload_mass"].start] += 1.0
-        per_kg = deviations.wrench(s, more)[0] - deviations.wrench(s, worst.theta)[0]
-        change = np.einsum("nw,nw->n", worst.slopes, per_kg)
+        per_kg = deviations.wrench(s, more)[0] - deviations.wrench(s, theta)[0]
+        change = np.einsum("nw,nw->n", broken.worst.slopes, per_kg)
         share = deviations.tolerance.payload_mass
-        rise = change * np.where(change < 0, 1 + share, 1 - share) + per_level
-        return np.where(rise < 0, np.maximum(levels - left / np.minimum(rise, -_FLAT), 0.0), -1.0)
+        rise = change * np.where(change < 0, 1 + share, 1 - share) + broken.per_level
+        levels = broken.levels - broken.left / np.minimum(rise, -_FLAT)
+        return np.where(rise < 0, np.maximum(levels, 0.0), -1.0)
 
     def torques(
         self, tolerance: Uncertainty, rows: np.ndarray, s: np.ndarray, levels: np.ndarray
@@ -161,21 +159,14 @@ class RaisedTilt(Raised):
         """See `Raised`."""
         return cases.tilted(levels)
 
-    def zero(
-        self,
-        deviations: Deviations,
-        s: np.ndarray,
-        worst: WorstDeviations,
-        levels: np.ndarray,
-        left: np.ndarray,
-        per_level: np.ndarray,
-    ) -> np.ndarray:
+    def zero(self, broken: Broken) -> np.ndarray:
         """See `Raised`: the margin is that of all else plus a cosine of the tilt."""
-        place, down = deviations.places["gravity"], self.robot.support.gravity
-        over = deviations.wrench_and_slopes(s, worst.theta)[1][:, :, place]
+        deviations, worst, down = broken.deviations, broken.worst, self.robot.support.gravity
+        place = deviations.places["gravity"]
+        over = deviations.wrench_and_slopes(broken.s, worst.theta)[1][:, :, place]
         pull = np.einsum("nw,nwt->nt", worst.slopes, over)
         size = np.linalg.norm(pull, axis=1) * np.linalg.norm(down)
-        besides = left - np.sum(pull * (down + worst.theta[:, place]), axis=1)
+        besides = broken.left - np.sum(pull * (down + worst.theta[:, place]), axis=1)
         angle = np.arctan2(np.linalg.norm(np.cross(pull, down), axis=1), pull @ down)
         tilt = np.arccos(np.clip(-besides / np.maximum(size, _FLAT), -1.0, 1.0)) - angle
         return tilt - deviations.tolerance.tilt
@@ -234,17 +225,9 @@ class RaisedPush(Raised):
         places = self._places[rows] if a.ndim == 2 else self._places[rows][:, None]
         return self._level(a[..., :3] + np.cross(a[..., 3:], places))
 
-    def zero(
-        self,
-        deviations: Deviations,
-        s: np.ndarray,
-        worst: WorstDeviations,
-        levels: np.ndarray,
-        left: np.ndarray,
-        per_level: np.ndarray,
-    ) -> np.ndarray:
+    def zero(self, broken: Broken) -> np.ndarray:
         """See `Raised`."""
-        return levels - left / np.minimum(per_level, -_FLAT)
+        return broken.levels - broken.left / np.minimum(broken.per_level, -_FLAT)
 
     def torques(
         self, tolerance: Uncertainty, rows: np.ndarray, s: np.ndarray, levels: np.ndarray
