@@ -9,16 +9,16 @@ import tomllib
 import pytest
 from jsonschema import Draft202012Validator
 
+import ocptip
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
-from ocptip.motion.files.source import LIMITS
+from ocptip.standing.limits import LIMIT_KEYS
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.parallel import read_parallel_robot
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.platform_points import read_platform
 from ocptip.task_files.reference import _all_tables, _flat, json_schema, reference_page
 from ocptip.task_files.scene import read_scene
-from ocptip.task_files.task_scene import SEGMENT_LIMITS
 from tests.places import EXAMPLES, ROOT
 
 FILES = sorted(EXAMPLES.rglob("*.toml"))
@@ -92,8 +92,14 @@ def test_broken_files_are_refused_by_reader_and_schema(example, old, new, valida
     assert not validator.is_valid(tomllib.loads(path.read_text(encoding="utf-8")))
 
 
-def test_limits_that_are_written_into_the_task_of_a_plan_are_those_that_are_read():
-    assert tuple(SEGMENT_LIMITS) == LIMITS
+def test_every_key_of_limits_reaches_the_limits_and_the_file_in_a_folder_of_a_plan(tmp_path):
+    values = {name: 0.5 for name in LIMIT_KEYS if "foot" not in name}  # those are for compliant feet
+    asked = "\n".join(f"{name} = {value}" for name, value in values.items())
+    (tmp_path / "task.toml").write_text(f'case = "B"\n[limits]\n{asked}\n', encoding="utf-8")
+    task = ocptip.load_task(tmp_path / "task.toml")
+    written = tomllib.loads(task.source.text("B", task.limits, task.objective))["limits"]
+    for name, value in values.items():
+        assert getattr(task.limits, name) == written[name] == value
 
 
 def test_meanings_are_short_sentences():

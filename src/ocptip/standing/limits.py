@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
+from ocptip.basics import schema
 from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.robots.model import JointLimits
@@ -25,6 +26,12 @@ TORQUE_WITHIN, CLEARANCE_WITHIN = "torque_ratio_worst_case", "clearance_worst_ca
 
 WITHIN_OF = {"GN": TIP_WITHIN, "GT": SLIP_WITHIN}
 """Results of the contacts within an uncertainty, by those of the nominal motion."""
+
+
+def _key(default: float, meaning: str, unit: str = "", otherwise: str = "") -> Any:
+    """A field that is a key of `[limits]` in files, in SI units."""
+    key = schema.number(meaning, unit, otherwise=otherwise or f"{default:g}")
+    return field(default=default, metadata={"key": key})
 
 
 @dataclass(frozen=True)
@@ -56,10 +63,12 @@ class Limits:
         cancel: the same of stops by a controller that is cancelled.
     """
 
-    GN: float = 0.9
-    GT: float = 0.9
-    torque_ratio: float = 1.0
-    clearance: float = CLEARANCE
+    GN: float = _key(0.9, "Largest tip-over index.")
+    GT: float = _key(0.9, "Largest share of the friction in use.")
+    torque_ratio: float = _key(1.0, "Largest torque over its limit, of any joint.")
+    clearance: float = _key(
+        CLEARANCE, "Minimum distance of what must not touch.", "m", "0.01, or less if links are nearer"
+    )
     angle_margin: float = 0.0
     jerk: tuple[float, ...] = ()
     min_duration: float = 0.0
@@ -68,12 +77,12 @@ class Limits:
     jump_tip_over: float = 1.0
     jump_slip: float = 1.0
     tolerance: Uncertainty = NONE
-    GN_worst_case: float = NEARLY_LOST
-    GT_worst_case: float = NEARLY_LOST
-    clearance_worst_case: float = 0.0
-    foot_lift: float = 0.0
-    foot_force: float = 0.0
-    jump_foot_force: float = 0.0
+    GN_worst_case: float = _key(NEARLY_LOST, "The same as GN, within the uncertainty.")
+    GT_worst_case: float = _key(NEARLY_LOST, "The same as GT, within the uncertainty.")
+    clearance_worst_case: float = _key(0.0, "The same as clearance, with delayed joints.", "m")
+    foot_lift: float = _key(0.0, "Largest height of a compliant foot above the ground.", "m")
+    foot_force: float = _key(0.0, "Minimum force on compliant feet.", "N")
+    jump_foot_force: float = _key(0.0, "Minimum force on compliant feet after acceleration steps.", "N")
     stops: PathStops | None = None
     brakes: Brakes | None = None
     cancel: Cancel | None = None
@@ -91,6 +100,11 @@ class Limits:
             raise InputError(
                 f"max_duration: must be >= min_duration, {self.min_duration} s, got {self.max_duration} s"
             )
+
+    @property
+    def in_files(self) -> dict[str, float]:
+        """Numbers that are keys of `[limits]`."""
+        return {name: getattr(self, name) for name in LIMIT_KEYS}
 
     def jerks(self, joints: JointLimits) -> np.ndarray:
         """Jerk limits (n,) of a mechanism with limits of its joints; infinite where there is none."""
@@ -118,7 +132,7 @@ class Limits:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data; what is about tolerance and stops only where such are given."""
-        values: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        values: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self)}
         if not self.jerk:
             del values["jerk"]
         stops = {name: asdict(values[name]) for name in _OF_STOPS if values[name]}
@@ -129,6 +143,11 @@ class Limits:
         kept = {name: value for name, value in values.items() if name not in _OF_STOPS or name in stops}
         return {**kept, "tolerance": self.tolerance.to_dict(), **stops}
 
+
+LIMIT_KEYS: dict[str, schema.Key] = {
+    one.name: one.metadata["key"] for one in fields(Limits) if "key" in one.metadata
+}
+"""Keys of `[limits]` in files that are fields of `Limits`."""
 
 _OF_STOPS = ("stops", "brakes", "cancel")
 _OF_TOLERANCE = ("tolerance", TIP_WITHIN, SLIP_WITHIN, CLEARANCE_WITHIN)

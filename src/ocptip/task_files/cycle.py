@@ -17,7 +17,7 @@ from ocptip.basics.toml import MARK, Table
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.task import MotionTask, Segment
 from ocptip.robots.inverse.pose_target import PoseTarget
-from ocptip.standing.limits import Limits
+from ocptip.standing.limits import LIMIT_KEYS, Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.doubts import doubt_masses, doubt_units, require_kind
@@ -36,7 +36,7 @@ from ocptip.task_files.motion import (
 from ocptip.task_files.source import task_source
 from ocptip.task_files.tables.joints import LOCKED, LOCKED_KEYS, end_keys, read_end
 from ocptip.task_files.tables.payload import OF_SEGMENT
-from ocptip.task_files.task_scene import COMMON_LIMITS, SEGMENT_LIMITS, TaskScene, limit_numbers, task_keys
+from ocptip.task_files.task_scene import COMMON_LIMITS, TaskScene, limit_numbers, task_keys
 
 _SHARED = (*COURSE, *AIM)  # of [motion], unless a segment has its own
 _GOALS = ("goal_deg", "goal_m", "goal_pose")
@@ -52,7 +52,7 @@ _STATE = schema.text(
     "`start`: the cycle is closed; or a state of the SRDF.", otherwise="the other keys of the goal"
 )
 
-_SEGMENT_LIMITS = Keys("limits of a segment", "Limits of a segment.", SEGMENT_LIMITS)
+_SEGMENT_LIMITS = Keys("limits of a segment", "Limits of a segment.", LIMIT_KEYS)
 
 
 def _segment_keys(name: str, goal: Mapping[str, Key]) -> Keys:

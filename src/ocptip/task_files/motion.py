@@ -28,7 +28,7 @@ from ocptip.published.tasks import ADAPTER_MASS, BASES, experiment_task
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.opened import opened
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import Limits
+from ocptip.standing.limits import LIMIT_KEYS, Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_cancel import LONGEST
 from ocptip.standing.tolerance import NONE, Uncertainty
@@ -42,7 +42,6 @@ from ocptip.task_files.tables.payload import PROCESS, SENSOR, read_process, read
 from ocptip.task_files.tables.tolerance import tolerance_of
 from ocptip.task_files.task_scene import (
     COMMON_LIMITS,
-    SEGMENT_LIMITS,
     SPEED_LIMITS,
     TaskScene,
     limits_of,
@@ -228,7 +227,7 @@ CASE = Keys(
             Keys("aims", "What is optimised.", {**AIM, **DURATION}, at_most_one=_ONE_DURATION), default=None
         ),
         "limits": schema.table(
-            Keys("limits of a case", "Limits.", {**SEGMENT_LIMITS, **SPEED_LIMITS, **_RISE_KEYS}),
+            Keys("limits of a case", "Limits.", {**LIMIT_KEYS, **SPEED_LIMITS, **_RISE_KEYS}),
             default=None,
         ),
         "motors": schema.table(GEARS, default=None),

@@ -9,11 +9,10 @@ from ocptip.basics import schema
 from ocptip.basics.schema import Key, Keys
 from ocptip.basics.toml import Table
 from ocptip.contact.support import Support
-from ocptip.motion.files.source import LIMITS
 from ocptip.robots.kinematics import TCP, checked_points
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import Robot
-from ocptip.standing.limits import Limits
+from ocptip.standing.limits import LIMIT_KEYS, Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.scene import BASE, SCENE, read_support
@@ -85,23 +84,7 @@ ROBOT_BASE = Keys(
 )
 
 
-def _limit(meaning: str, unit: str, otherwise: str) -> Key:
-    return schema.number(meaning, unit, otherwise=otherwise)
-
-
 NO_BASE_SHAPE = "the base has no [[base.shape]]: collisions of the arm with it are not checked"
-SEGMENT_LIMITS = {
-    "GN": _limit("Largest tip-over index.", "", "0.9"),
-    "GT": _limit("Largest share of the friction in use.", "", "0.9"),
-    "torque_ratio": _limit("Largest torque over its limit, of any joint.", "", "1"),
-    "clearance": _limit("Minimum distance of what must not touch.", "m", "0.01, or less if links are nearer"),
-    "GN_worst_case": _limit("The same as GN, within the uncertainty.", "", "0.999"),
-    "GT_worst_case": _limit("The same as GT, within the uncertainty.", "", "0.999"),
-    "clearance_worst_case": _limit("The same as clearance, with delayed joints.", "m", "0"),
-    "foot_lift": _limit("Largest height of a compliant foot above the ground.", "m", "0"),
-    "foot_force": _limit("Minimum force on compliant feet.", "N", "0"),
-    "jump_foot_force": _limit("Minimum force on compliant feet after acceleration steps.", "N", "0"),
-}
 SPEED_LIMITS = {
     "tcp_speed": schema.number("Maximum speed of the TCP.", "m/s", bound="> 0", otherwise="none"),
     "point_speed": schema.anything(
@@ -112,7 +95,7 @@ SPEED_LIMITS = {
     ),
 }
 COMMON_LIMITS = {
-    **SEGMENT_LIMITS,
+    **LIMIT_KEYS,
     **SPEED_LIMITS,
     "reference_moment": schema.number(
         "Reference moment of the tip-over index.",
@@ -261,4 +244,4 @@ def limit_numbers(table: Table) -> dict[str, float]:
     """Numbers of a table [limits] as they are."""
     if "damping" in table:
         raise table.error("is now damping in [tolerance], for all robots", "damping")
-    return table.given(*LIMITS)
+    return table.given(*LIMIT_KEYS)

@@ -21,11 +21,12 @@ from ocptip.robots.urdf.file import UrdfFile, like_tools, read_urdf
 from ocptip.robots.urdf.ground_contacts import GroundContact
 from ocptip.robots.urdf.joint_limits import named_states, with_joint_limits
 from ocptip.robots.urdf.sanity import ImpossibleLinksError
+from ocptip.standing.limits import LIMIT_KEYS
 from ocptip.task_files.example import ExampleBase, ExampleMotion, example_base, example_motion
 from ocptip.task_files.tables.arm import ARM, ARM_LIMITS
 from ocptip.task_files.tables.joints import end_keys
 from ocptip.task_files.tables.motors import MOTORS
-from ocptip.task_files.task_scene import ROBOT_BASE, SEGMENT_LIMITS
+from ocptip.task_files.task_scene import ROBOT_BASE
 
 SCHEMA = "task.schema.json"
 """File beside a task, from which editors know the keys."""
@@ -328,7 +329,7 @@ def _near(example: ExampleMotion) -> Iterator[str]:
         yield "[limits]"
         about = f"invented; links are {1e3 * example.clear:.2g} mm apart in the example; default {CLEARANCE}"
         value = f"{np.floor(8e3 * example.clear) / 1e4:g}"
-        yield _line(SEGMENT_LIMITS, "clearance", value, about, mark=True)
+        yield _line(LIMIT_KEYS, "clearance", value, about, mark=True)
 
 
 def _line(keys: Mapping[str, Key], name: str, value: str, note: str = "", *, mark: bool = False) -> str:

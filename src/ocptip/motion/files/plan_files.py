@@ -29,7 +29,7 @@ from ocptip.motion.files.output import (
     sample_motion,
     write_folder,
 )
-from ocptip.motion.files.source import LIMITS, TASK, TaskSource, source_of, stop_keys, tolerance_table
+from ocptip.motion.files.source import TASK, TaskSource, source_of, stop_keys, tolerance_table
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.standing.samples import MotionSamples
 from ocptip.trajectories.bags import write_bag
@@ -243,7 +243,7 @@ def _task_text(task: Task, source: TaskSource) -> str:
     for row, segment in zip(source.data["segment"], task.segments, strict=True):
         limits, objective = segment.task.limits, segment.task.objective
         row_data = {key: value for key, value in row.items() if key != "price_per_second"}
-        row_data |= {"limits": {name: getattr(limits, name) for name in LIMITS}, "objective": objective.name}
+        row_data |= {"limits": limits.in_files, "objective": objective.name}
         price = {"price_per_second": objective.time_weight} if objective.name == "both" else {}
         rows.append({**row_data, **price})
     data = {key: value for key, value in source.data.items() if key != "tolerance"}

@@ -18,12 +18,6 @@ from ocptip.standing.mechanism import StandingMechanism
 TASK = "task/task.toml"
 """The task file within a plan's folder; beside it what it names."""
 
-LIMITS = (
-    *("GN", "GT", "torque_ratio", "clearance", "GN_worst_case", "GT_worst_case", "clearance_worst_case"),
-    *("foot_lift", "foot_force", "jump_foot_force"),
-)
-"""Keys of `[limits]` that are fields of `Limits`."""
-
 _RATES = (("cancel_deceleration_deg_s2", "rad", 180 / math.pi), ("cancel_deceleration_m_s2", "m", 1.0))
 """Keys of decelerations, units of the joints, and factors from SI."""
 
@@ -65,7 +59,7 @@ class TaskSource:
         data: dict[str, Any] = {} if "case" in self.data else {"name": name}
         data |= {key: dict(v) if isinstance(v, Mapping) else v for key, v in self.data.items()}
         asked = data.setdefault("limits", {})
-        asked.update({name: getattr(limits, name) for name in LIMITS})
+        asked.update(limits.in_files)
         for key in ("rise_time", "jerk"):
             asked.pop(key, None)
         if "case" not in self.data:
