@@ -8,10 +8,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ocptip.cli.verify.check import worst_rows
 from ocptip.motion.check import check_motion
 from ocptip.motion.planner.event_order import order_of
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.random_start import INSTANTS, _path_violation
+from ocptip.motion.summary import margin_rows
 from ocptip.motion.task import refusals
 from ocptip.motion.violations import sentence
 from ocptip.published.tasks import experiment_task
@@ -122,6 +124,9 @@ def test_the_check_sees_a_new_kind(task, with_shoulder):
     assert worst.value == held[-1] == np.max(held)
     assert worst in checked.violations
     assert (worst.detail, worst.limit) == ("joint 2", 14.5)
+    (row,) = (row for row in margin_rows(task.robot, checked) if row[0] == "shoulder_Nm")
+    assert row == ["shoulder_Nm", f"{worst.value:.3g} @{worst.time:.3f}s", "<= 14.5", "BROKEN"]
+    assert ["shoulder_Nm", "BROKEN"] in [[row[0], row[-1]] for row in worst_rows(checked)]
 
 
 def test_refusals_see_a_new_kind(task, with_shoulder, monkeypatch):

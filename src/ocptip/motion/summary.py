@@ -16,7 +16,7 @@ from ocptip.motion.proof import Proof
 from ocptip.motion.stops.check import Stops
 from ocptip.motion.stops.rules import SCENARIOS
 from ocptip.motion.tolerated import Tolerated
-from ocptip.motion.violations import broken_words
+from ocptip.motion.violations import RESULT_TITLES, broken_words
 from ocptip.standing.at_rest.sensitivity import Sensitivity
 from ocptip.standing.contact_margins import Margin
 from ocptip.standing.mechanism import StandingMechanism
@@ -176,15 +176,20 @@ def margin_rows(robot: StandingMechanism, checked: MotionCheck) -> list[list[str
             "BROKEN" if row.used > 1 + 1e-9 else "<- critical" if row is decisive and row.used > _NEAR else ""
         )
         rows.append([_title(row), *(at_text(row, value) for value in values), _limit(row, within), mark])
-    for name, (title, unit, scale) in _IF_REACHED.items():
+    # A kind of limit that no table knows has a row by the name of its result.
+    others = {
+        name: (name, "", 1.0) for name in checked.worst if name not in RESULT_TITLES and "[" not in name
+    }
+    for name, (title, unit, scale) in {**_IF_REACHED, **others}.items():
         worst = checked.worst.get(name)
-        if worst is None or not (worst.broken or worst.value >= _REACHED.get(name, math.inf)):
+        shown = name in others or (worst and (worst.broken or worst.value >= _REACHED.get(name, math.inf)))
+        if worst is None or not shown:
             continue
         same = worst.broken and f"{worst.value:.3g}" == f"{worst.limit:.3g}"
-        value = quantity(scale * worst.value, unit, 6 if same else 3)
+        value = quantity(scale * worst.value, unit, 6 if same else 3).rstrip()
         value += f" @{worst.time:.3f}s" if math.isfinite(worst.time) else f" {worst.detail}".rstrip()
         limit = f"{'>=' if worst.least else '<='} {scale * worst.limit:.3g}"
-        mark = "BROKEN" if worst.broken else "reached"
+        mark = "BROKEN" if worst.broken else "reached" * (name in _IF_REACHED)
         rows.append([title, value, *(["-"] if within else []), limit, mark])
     return rows
 

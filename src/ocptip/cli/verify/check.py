@@ -195,7 +195,7 @@ def worst_rows(checked: MotionCheck) -> list[list[str]]:
     """Worst value, limit, time and place of every quantity, below a row of titles."""
     rows = [["quantity", "worst", "limit", "time", "where", ""]]
     known = [name for name in RESULT_TITLES if name in checked.worst]
-    for name in (*known, *(name for name in checked.worst if "[" in name)):  # of the base, then of objects
+    for name in (*known, *(name for name in checked.worst if name not in RESULT_TITLES)):
         worst = checked.worst[name]
         broken = any(violation.name == name for violation in checked.violations)
         time = f"{max(worst.time, 0.0):.3f} s" if math.isfinite(worst.time) else "-"
@@ -210,7 +210,7 @@ def worst_rows(checked: MotionCheck) -> list[list[str]]:
 
 def _scale_table(scaled: Sequence[tuple[float, MotionCheck]]) -> list[str]:
     names = [name for name in RESULT_TITLES if name not in _MARGINS and name in scaled[0][1].worst]
-    rows = [["times x", "verdict", "duration", "energy", *(RESULT_TITLES[name] for name in names)]]
+    rows = [["times x", "verdict", "duration", "energy", *map(result_title, names)]]
     for factor, checked in scaled:
         verdict = checked.headline if not checked.verified else "CHECKED"
         numbers = [_value(name, checked.worst[name].value) for name in names]
