@@ -368,33 +368,6 @@ class FurtherLimit(QuantityLimit):
         return columns.further.start
 
 
-class ShoulderLimit(QuantityLimit):
-    """The torque with which the second joint holds up what is behind it: minus the joint's torque."""
-
-    name, largest = "shoulder", 140.0  # N m
-
-    def __init__(self, robot: StandingMechanism, asked: Limits, joints: tuple[int, ...]) -> None:
-        super().__init__(robot, asked, joints)
-        self.units, self.width = np.array([-self.largest]), 1
-
-    def measure(self, instants: Instants) -> np.ndarray:
-        return -instants.torques[:, 1:2]
-
-    def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
-        k = int(np.argmax(values))
-        value, time = float(values[k, 0]), float(sampled.times[k])
-        return [Worst("shoulder_Nm", value, time, self.largest, "joint 2", value - self.largest)]
-
-    def uses(self, instants: Instants) -> np.ndarray:
-        return self.measure(instants) / self.largest
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.array([-np.inf]), np.array([1.0])
-
-    def first(self, columns: NodeColumns) -> int:
-        return columns.torque.start + 1
-
-
 KINDS: tuple[type[Limit], ...] = (
     NominalLimit,
     JumpLimit,
@@ -412,7 +385,6 @@ KINDS: tuple[type[Limit], ...] = (
     CancelAngleLimit,
     CancelDurationLimit,
     FurtherLimit,
-    ShoulderLimit,
     WorstCaseLimit,
     WorstTorqueLimit,
     WorstCancelLimit,
