@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.standing.instants import Instants, Loaded, NodeColumns
+from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.clearance import ClearanceLimit, LateClearanceLimit
 from ocptip.standing.limit_kinds.elastic import (
     FootForceLimit,
@@ -27,7 +27,7 @@ from ocptip.standing.limit_kinds.limit import (
     StateLimit,
     Worst,
 )
-from ocptip.standing.limit_kinds.nominal import ContactLimit, NominalLimit
+from ocptip.standing.limit_kinds.nominal import NominalLimit
 from ocptip.standing.limit_kinds.rows import Curvature, NodeRows, RowNodes
 from ocptip.standing.limit_kinds.stops import BrakeLimit, CancelLimit, StopLimit, cancel_of
 from ocptip.standing.limit_kinds.worst_cancels import WorstCancelLimit
@@ -368,26 +368,8 @@ class FurtherLimit(QuantityLimit):
         return columns.further.start
 
 
-class OverrideLimit(ContactLimit):
-    """A quantity of the contacts where the whole motion runs faster than planned: the speed override."""
-
-    words = "{} at speed override", "{}_override"
-    faster = 1.05
-
-    @property
-    def width(self) -> int:
-        return 0  # programs do not know it: they are tightened
-
-    def measure(self, instants: Instants) -> np.ndarray:
-        q, qd, qdd = instants.motion_states
-        process = instants.process if instants.process.size else None
-        wrenches = self.robot.loads(q, self.faster * qd, self.faster**2 * qdd, process)[1]
-        return self.quantity.measure(Loaded(self.robot, wrenches))[:, None]
-
-
 KINDS: tuple[type[Limit], ...] = (
     NominalLimit,
-    OverrideLimit,
     JumpLimit,
     StopLimit,
     BrakeLimit,
