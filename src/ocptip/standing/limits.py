@@ -74,7 +74,7 @@ class Limits:
     min_duration: float = 0.0
     max_duration: float = math.inf
     damping: float = 1.0
-    jump_tip_over: float = _key(1.0, "Largest tip-over index after acceleration steps.")
+    jump_tip_over: float = 1.0
     jump_slip: float = 1.0
     tolerance: Uncertainty = NONE
     GN_worst_case: float = _key(NEARLY_LOST, "The same as GN, within the uncertainty.")
