@@ -8,7 +8,6 @@ from PIL import Image
 
 import ocptip
 from ocptip.basics.errors import InputError
-from ocptip.cli.main import main
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
@@ -21,8 +20,9 @@ from studies.pictures.browser import CHROMIUM, browser_page
 from tests.places import EXAMPLES
 
 pytest.importorskip("viser")
-from ocptip.pictures.browser import studio as studio_module
-from ocptip.pictures.browser.studio import Actions, studio_page
+from ocptip.pictures.browser import sliders
+from ocptip.pictures.browser.sliders import Actions
+from ocptip.pictures.browser.studio import studio_page
 from ocptip.pictures.browser.view import mover
 
 TASK = EXAMPLES / "tasks/kit_arm.toml"
@@ -150,11 +150,6 @@ def test_bad_conditions(studio, changes, said):
         studio.answer(**changes)
 
 
-def test_refusals(capsys):
-    assert main(["studio", str(EXAMPLES / "tasks/delta_cart.toml")]) == 2
-    assert "the studio is for arms" in capsys.readouterr().err
-
-
 @pytest.fixture
 def page(studio):
     ends = {"start": studio.task.start, "goal": studio.task.goal}
@@ -200,15 +195,15 @@ def test_a_second_plan_plays_beside_the_first(studio, monkeypatch):
         show = mover(scene, root, act, size, ghost)
         return lambda k: (frames.append(act.seen.angles[k]), show(k))
 
-    monkeypatch.setattr(studio_module, "mover", counted)
+    monkeypatch.setattr(sliders, "mover", counted)
     ends = {"start": start, "goal": studio.task.goal}
     with studio_page("arm", studio.study, studio.conditions, ends, Actions(lambda *_: "", planned)) as page:
         assert page.idle.wait(60)
-        page._plan()
-        page._play()
+        page.plan()
+        page.play()
         assert frames == []
-        page._plan()
-        page._play()
+        page.plan()
+        page.play()
         assert page.idle.wait(60)
         assert "tipping margin" in page.verdict.content
     assert np.allclose(frames[0], start)

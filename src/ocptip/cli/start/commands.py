@@ -56,11 +56,11 @@ COMMANDS = (
         "studio",
         "try postures, payloads, floors and pushes with sliders, in a browser",
         "Shows the arm of a task at rest with sliders for joints, TCP, payload, friction, tilt, push and base"
-        " acceleration. Margins, forces and robustness follow. Saves poses as start or goal, plans and plays "
-        "(needs: pip install 'ocptip[view]').",
+        " acceleration. Margins, forces and robustness follow. Saves poses as start or goal, plans, plays. "
+        "Of a parallel robot sliders move the platform (needs: pip install 'ocptip[view]').",
         "0 shown",
         (
-            argument("task", "A..H|TASK.toml", "a published case, or the task file of an arm"),
+            argument("task", "A..H|TASK.toml|ROBOT", "a published case, a task file, or a parallel robot"),
             argument("--out", "DIR", "folder for saved poses and the plan (default: ocptip-studio-NAME)"),
             argument("--overwrite", None, "replace files that ocptip did not write", action="store_true"),
         ),

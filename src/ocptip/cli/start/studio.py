@@ -15,7 +15,7 @@ def run(options: Namespace) -> Report:
     """Serve the page until Ctrl-C."""
     library_viser()
     result = studio(options.task)
-    name = result.task.name
+    name = result.name
     folder = output_directory(options, name)
     result.serve(lambda address: print(f"{name}: {address}", file=sys.stderr), folder)
     return Answer(f"{name}: shown.", {"name": name})

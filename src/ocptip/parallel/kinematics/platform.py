@@ -155,11 +155,14 @@ class Kinematics:
         """
         return self.platform.pose(self.moving(z, q))
 
-    def sticks(self, z: np.ndarray) -> list[np.ndarray]:
-        """Lines (k, 3), m, robot axes: the bodies of the legs, and the platform between its couplings."""
-        lines, held = [], []
-        r, turn = self.pose(z)
-        for leg, values in zip(self.legs, self.joints(z).q, strict=True):
+    def sticks(self, z: np.ndarray, q: Sequence[np.ndarray] | None = None) -> list[np.ndarray]:
+        """Lines (k, 3), m, robot axes: the bodies of the legs, and the platform between its couplings.
+
+        Joint positions q per leg are those of the home assembly where not given.
+        """
+        lines, held, q = [], [], self.joints(z).q if q is None else q
+        r, turn = self.pose(z, q)
+        for leg, values in zip(self.legs, q, strict=True):
             points = np.vstack([leg.origin, leg.frames(values)[1]])
             lines += [points[[parent + 1, k]] for k, parent in enumerate(leg.topology.parents, 1)]
             held += [r + turn @ point for point in leg.couplings]

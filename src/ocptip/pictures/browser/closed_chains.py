@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.parallel.analysis.workspace import LENGTHS, Workspace, workspace
+from ocptip.parallel.analysis.workspace import LENGTHS, Watcher, Workspace, workspace
+from ocptip.parallel.minimal_form import minimal_obstacle
+from ocptip.parallel.robot import ParallelRobot
 from ocptip.pictures.browser.bodies import JOINT, LINK, wxyz
 
 REACHED, SINGULAR = (60, 130, 220), (220, 40, 40)
@@ -19,7 +21,7 @@ LEGEND = (
     "<br><b style='color:rgb(60,130,220)'>blue dots</b> edge of the workspace, "
     "<b style='color:rgb(220,40,40)'>red dots</b> singular poses, with the first orientation"
 )
-_CELLS = 40  # per coordinate
+_CELLS, _SLOW_CELLS = 40, 12  # per coordinate; without closed forms a pose takes milliseconds
 _DOT = 0.004  # over the size of the picture
 
 
@@ -30,47 +32,82 @@ def legs(
     size: float,
     ghost: tuple[int, int, int] | None = None,
 ) -> Callable[[int], None]:
-    """Put the bodies of a closed chain on stage, the platform last; returns what shows a frame."""
-    colors = [LINK] * (len(lines[0]) - 1) + [JOINT]
-    thick = 0.012 * size
-    nodes = [
-        scene.add_line_segments(f"{root}/{k}", _pieces(line), colors=ghost or color, thickness=thick)
-        for k, (line, color) in enumerate(zip(lines[0], colors, strict=True), 1)
-    ]
+    """Put the bodies of a closed chain on stage; returns what shows a frame."""
+    nodes = bodies_of(scene, root, lines[0], size, ghost)
 
     def frame(k: int) -> None:
         for node, line in zip(nodes, lines[k], strict=True):
-            node.points = _pieces(line)
+            node.points = pieces(line)
 
     return frame
 
 
-def _pieces(line: np.ndarray) -> np.ndarray:
+def bodies_of(
+    scene: Any,
+    root: str,
+    lines: Sequence[np.ndarray],
+    size: float,
+    ghost: tuple[int, int, int] | None = None,
+) -> list[Any]:
+    """Nodes of the bodies of a closed chain, the platform last, as lines (k, 3), m, each."""
+    colors, thick = [LINK] * (len(lines) - 1) + [JOINT], 0.012 * size
+    return [
+        scene.add_line_segments(f"{root}/{k}", pieces(line), colors=ghost or color, thickness=thick)
+        for k, (line, color) in enumerate(zip(lines, colors, strict=True), 1)
+    ]
+
+
+def pieces(line: np.ndarray) -> np.ndarray:
+    """(k - 1, 2, 3) pieces of a line (k, 3)."""
     return np.stack([line[:-1], line[1:]], axis=1).astype(np.float32)
 
 
-def workspace_of(scene: Any, robot: Any, q: np.ndarray, size: float) -> None:
-    """Draw where the platform of a parallel robot gets with its orientation at q, and is singular."""
-    names = [name for name in LENGTHS if name in robot.names]
-    middle = np.array([q[robot.names.index(name)] for name in names])
-    ranges = {name: (value - size, value + size) for name, value in zip(names, middle, strict=True)}
-    result = workspace(robot.robot, ranges, at=q, cells=_CELLS)
-    scene.add_frame("/closed chain", show_axes=False, position=robot.position, wxyz=wxyz(robot.rotation))
-    place = robot.robot.kinematics.pose(q)[0]
+def workspace_of(
+    scene: Any,
+    robot: ParallelRobot,
+    z: np.ndarray,
+    size: float,
+    place: np.ndarray,
+    rotation: np.ndarray,
+    progress: Watcher | None = None,
+) -> None:
+    """Draw where the platform gets with its orientation at z, and is singular.
+
+    Args:
+        scene: of viser.
+        robot: whose world has its origin at a place (3,), m, and is turned by a rotation (3, 3).
+        z: (m,) coordinates.
+        size: of the picture, m.
+        place, rotation: see `robot`.
+        progress: see `workspace`.
+
+    Raises:
+        InputError: the robot has not as many motors as coordinates.
+    """
+    known = robot.description.platform.coordinates
+    ranges = {name: (z[k] - size, z[k] + size) for k, name in enumerate(known) if name in LENGTHS}
+    cells = _SLOW_CELLS if minimal_obstacle(robot) else _CELLS
+    result = workspace(robot, ranges, at=z, cells=cells, progress=progress)
+    scene.add_frame("/closed chain", show_axes=False, position=place, wxyz=wxyz(rotation))
+    middle = robot.kinematics.pose(z)[0]
     for name, faces, color in (
         ("workspace", boundary(result), REACHED),
         ("singular poses", sign_changes(result), SINGULAR),
     ):
+        label = f"/closed chain/{name}"
         if len(faces):
-            dots = middles(result, faces, place).astype(np.float32)
-            scene.add_point_cloud(
-                f"/closed chain/{name}", dots, color, point_size=_DOT * size, point_shape="circle"
-            )
+            dots = middles(result, faces, middle).astype(np.float32)
+            scene.add_point_cloud(label, dots, color, point_size=_DOT * size, point_shape="circle")
+        else:
+            scene.remove_by_name(label)
 
 
 def boundary(result: Workspace) -> np.ndarray:
-    """(F, 4): axis and cell (3,) before each face between the inside and others; cells count from -1."""
-    return _between(np.pad(_solid(result, result.inside), 1).astype(int)) - [0, 1, 1, 1]
+    """(F, 4): axis and cell (3,) before each face between the inside and others.
+
+    Where the inside ends with the grid, nothing is known beyond.
+    """
+    return _between(_solid(result, result.inside).astype(int))
 
 
 def sign_changes(result: Workspace) -> np.ndarray:

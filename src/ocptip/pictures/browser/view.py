@@ -265,7 +265,10 @@ def _show(
         move = mover(scene, "/arm", act, size)
         bodies.surroundings(scene, robot, centre, size)
         if act.lines:
-            closed_chains.workspace_of(scene, robot, act.seen.angles[0], size)
+            closed: Any = robot
+            closed_chains.workspace_of(
+                scene, closed.robot, act.seen.angles[0], size, closed.position, closed.rotation
+            )
         _path(scene, "/path of the gripper", act, bodies.HELD, size)
         forces = Forces(scene, robot.support, robot.mass, size)
         top = centre + np.array([0, 0, 0.6 * size])
