@@ -56,7 +56,7 @@ class ChainPosture:
 
     Attributes:
         z: as given.
-        found: positions of all joints; its `assembly` says how they were found.
+        found: positions of all joints; its `assembly` names their assembly mode.
         motors: (n_a,) positions of the motors, rad or m.
 
     Raises:
