@@ -20,14 +20,14 @@ from ocptip.basics.errors import InputError, SolverError, whole_number
 from ocptip.basics.write import Record
 from ocptip.indices.arms.axes import arm_pose
 from ocptip.indices.arms.operation import operation_indices
-from ocptip.indices.arms.symbolic import SymbolicArm
 from ocptip.indices.arms.values import DEFAULT_ELLIPSOID, index_values
-from ocptip.indices.encodings import psd_constraint
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.reviewed import inv_cdn_cl
 from ocptip.numerics.ipopt import SOLVED, nlpsol
 from ocptip.numerics.threads import one_thread
 from ocptip.robots.model import ArmModel
+from studies.indices.designs.arm_forms import DesignArm
+from studies.indices.designs.encodings import psd_constraint
 
 MAXIMISED = ("inv_cdn_oe", "pi_oe", "manipulability")
 """Indices with a largest value; DM_inf and DM_2 are infinite in some pose of every arm."""
@@ -91,7 +91,7 @@ def best_arm_pose(
     samples = random_poses(model, _SAMPLES, seed)
     values = index_values(model, samples, ellipsoid=ellipsoid, names=[name])[name]
     order = np.argsort(values)[::-1][: whole_number("starts", starts, 1)]
-    arm, found, searches = SymbolicArm.of(model), [], {}
+    arm, found, searches = DesignArm.of(model), [], {}
     for start in samples[order]:
         aspect = arm.sign_at(start) if name == "manipulability" else 0
         if aspect not in searches:
@@ -152,7 +152,7 @@ def characteristic_length(
     sphere = OperationEllipsoid.sphere(reach / 3.0, point)
     values = index_values(model, samples, ellipsoid=sphere, names=["inv_cdn_oe"])["inv_cdn_oe"]
     order = np.argsort(values)[::-1][: whole_number("starts", starts, 1)]
-    arm, logarithm = SymbolicArm.of(model), cs.SX.sym("log_radius")
+    arm, logarithm = DesignArm.of(model), cs.SX.sym("log_radius")
     radius = float(sphere.half_axes[0]) * cs.exp(logarithm)
     speeds = cs.vertcat(2 * radius, 2 * radius, 2 * radius, *[np.sqrt(6.0)] * 3)
     lower, upper = joint_range(model)
@@ -315,7 +315,7 @@ class _Search:
         return np.clip(np.array(result["x"]).ravel(), self.bounds["lbx"], self.bounds["ubx"])[: self.kept]
 
 
-def _search(arm: SymbolicArm, name: str, ellipsoid: OperationEllipsoid, aspect: int) -> _Search:
+def _search(arm: DesignArm, name: str, ellipsoid: OperationEllipsoid, aspect: int) -> _Search:
     lower, upper = joint_range(arm.model)
     if name == "manipulability":
         objective = aspect * arm.determinant

@@ -3,7 +3,7 @@
 The forms N and Z (and W of an operation ellipsoid) of a symbolic pose, and their encodings.
 Lengths are measured in units of the platform's extent and screws are taken about the origin of the
 platform frame, so that all entries are near one; the indices do not change by that. The constraints CTN,
-1/CDN_OE, sigma_R and sigma_S take a method of :mod:`ocptip.indices.encodings`.
+1/CDN_OE, sigma_R and sigma_S take a method of :mod:`studies.indices.designs.encodings`.
 """
 
 from __future__ import annotations
@@ -15,17 +15,11 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
-from ocptip.indices.encodings import (
-    ConstraintBlock,
-    Method,
-    Symbolic,
-    isotropy_surrogate,
-    psd_constraint,
-    ratio_constraint,
-)
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import MINIMUM_LEGS, StewartPlatform, centroid_and_extent
+from ocptip.indices.smooth import Symbolic, isotropy_surrogate
 from ocptip.parallel.description.rotations import euler_rotation
+from studies.indices.designs.encodings import ConstraintBlock, Method, psd_constraint, ratio_constraint
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,13 +6,8 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.encodings import (
-    PIVOT_MARGIN,
-    isotropy_surrogate,
-    psd_constraint,
-    ratio_constraint,
-    soft_smallest_eigenvalue,
-)
+from ocptip.indices.smooth import isotropy_surrogate, soft_smallest_eigenvalue
+from studies.indices.designs.encodings import PIVOT_MARGIN, psd_constraint, ratio_constraint
 from tests.indices.sample_platforms import SEEDS
 from tests.quick import examples
 

@@ -8,21 +8,19 @@ from ocptip.basics.errors import InputError
 from ocptip.indices.arms.axes import arm_from_spears, arm_pose, symbolic_pose
 from ocptip.indices.arms.distance import INNER, singularity_distance
 from ocptip.indices.arms.operation import operation_indices
-from ocptip.indices.arms.symbolic import (
-    SymbolicArm,
-    dm_2_constraint,
-    dm_inf_constraint,
-    heading_constraint,
-    index_expression,
-    index_function,
-    inv_cdn_oe_constraint,
-    laplace_determinant,
-    manipulability_constraint,
-    pi_oe_constraint,
-)
+from ocptip.indices.arms.symbolic import index_expression, index_function, laplace_determinant
 from ocptip.indices.arms.values import index_values
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.published.arms import arm_by_name, irb_2000
+from studies.indices.designs.arm_forms import (
+    DesignArm,
+    dm_2_constraint,
+    dm_inf_constraint,
+    heading_constraint,
+    inv_cdn_oe_constraint,
+    manipulability_constraint,
+    pi_oe_constraint,
+)
 from tests.indices.sample_axes import published_motion, random_axes, random_ellipsoid
 from tests.quick import examples, some
 from tests.robots.sample_arms import random_arm
@@ -57,7 +55,7 @@ def solve(arm, block, start, *, target=None):
 @pytest.mark.parametrize("seed", range(3))
 def test_determinant_and_gradient_are_those_of_numpy(seed):
     rng = np.random.default_rng(seed)
-    arm = SymbolicArm.of(arm_from_spears("random", random_axes(rng).T, tool_position=rng.normal(size=3)))
+    arm = DesignArm.of(arm_from_spears("random", random_axes(rng).T, tool_position=rng.normal(size=3)))
     q = rng.uniform(-3, 3, 6)
     expected = singularity_distance(arm_pose(arm.model, q).jacobian)
     assert arm.values(arm.determinant)(q).item() == pytest.approx(expected.determinant, rel=1e-10)
@@ -80,7 +78,7 @@ def test_determinant_of_any_matrix():
 @given(seeds)
 def test_expressions_bound_the_indices(rng):
     model = arm_from_spears("random", random_axes(rng).T, tool_position=rng.normal(size=3))
-    q, ellipsoid, arm = rng.uniform(-3, 3, 6), random_ellipsoid(rng), SymbolicArm.of(model)
+    q, ellipsoid, arm = rng.uniform(-3, 3, 6), random_ellipsoid(rng), DesignArm.of(model)
     exact = index_values(model, q, ellipsoid=ellipsoid)
     sign = arm.sign_at(q)
 
@@ -106,7 +104,7 @@ def test_surrogate_on_the_published_pose():
 
 @pytest.mark.parametrize("weighted", [False, True])
 def test_velocities_and_design_constant(weighted):
-    arm = SymbolicArm.of(heavy_arm(6), weighted=weighted)
+    arm = DesignArm.of(heavy_arm(6), weighted=weighted)
     q = np.random.default_rng(1).uniform(-2, 2, 6)
     pose = arm_pose(arm.model, q)
     inertias = pose.inertias if weighted else None
@@ -125,7 +123,7 @@ def heavy_arm(joints):
 
 def test_published_constrained_pose():
     """PI_OE >= 0.35 with the tool point held."""
-    arm, start = SymbolicArm.of(irb_2000()), published_motion(0.55)
+    arm, start = DesignArm.of(irb_2000()), published_motion(0.55)
     found = {}
     for method, most in (("ldl", 30), ("lifted", 150)):
         q, iterations = solve(arm, pi_oe_constraint(arm, SPHERE, 0.35, method=method), start)
@@ -145,7 +143,7 @@ def test_published_constrained_pose():
 
 @pytest.mark.parametrize("least", [0.30, 0.35, 0.40])
 def test_distance_as_constraint(least):
-    arm, start = SymbolicArm.of(irb_2000()), published_motion(0.55)
+    arm, start = DesignArm.of(irb_2000()), published_motion(0.55)
     sign = arm.sign_at(start)
     q, iterations = solve(arm, dm_2_constraint(arm, least, sign=sign), start)
     distance = singularity_distance(arm_pose(arm.model, q).jacobian)
@@ -155,7 +153,7 @@ def test_distance_as_constraint(least):
 
 
 def test_smallest_angle_as_constraint():
-    arm, start = SymbolicArm.of(irb_2000()), published_motion(0.55)
+    arm, start = DesignArm.of(irb_2000()), published_motion(0.55)
     q, iterations = solve(arm, dm_inf_constraint(arm, 0.25, sign=arm.sign_at(start)), start)
     assert singularity_distance(arm_pose(arm.model, q).jacobian).dm_inf == pytest.approx(0.25, abs=1e-6)
     assert iterations <= 25
@@ -196,7 +194,7 @@ def place(arm, block, start):
 
 @pytest.mark.parametrize("name", some(1, ["FP1W2F", "IRB2000", "FSFS", "W1P1P2W2"]))
 def test_placement_with_an_index_as_constraint(name):
-    arm = SymbolicArm.of(arm_by_name(name))
+    arm = DesignArm.of(arm_by_name(name))
     rng, done, solved = np.random.default_rng(0), 0, 0
     while done < 4:
         start = rng.uniform(-1.5, 1.5, 6)
@@ -222,7 +220,7 @@ def test_placement_with_an_index_as_constraint(name):
 
 
 def test_weighted_constraint():
-    arm = SymbolicArm.of(heavy_arm(6), weighted=True)
+    arm = DesignArm.of(heavy_arm(6), weighted=True)
     rng = np.random.default_rng(3)
     start = rng.uniform(-1, 1, 6)
     before = float(index_values(arm.model, start)["pi_oe_weighted"])
@@ -231,7 +229,7 @@ def test_weighted_constraint():
 
 
 def test_seven_axes_with_the_condition_number():
-    arm = SymbolicArm.of(heavy_arm(7))
+    arm = DesignArm.of(heavy_arm(7))
     start = np.random.default_rng(4).uniform(-1, 1, 7)
     before = float(index_values(arm.model, start)["inv_cdn_oe"])
     q, _ = solve(arm, inv_cdn_oe_constraint(arm, SPHERE, 1.3 * before), start)
@@ -245,7 +243,7 @@ def test_seven_axes_with_the_condition_number():
 @examples(20)
 @given(seeds)
 def test_heading_constraint_is_the_motion_angle(rng):
-    arm = SymbolicArm.of(irb_2000())
+    arm = DesignArm.of(irb_2000())
     q, rates, steepest = rng.uniform(-1, 1, 6), rng.normal(size=6), rng.uniform(0.1, 1.4)
     block = heading_constraint(arm, cs.SX(rates), steepest, sign=arm.sign_at(q))
     distance = singularity_distance(arm_pose(arm.model, q).jacobian)
@@ -257,7 +255,7 @@ def test_heading_constraint_is_the_motion_angle(rng):
 
 
 def test_bad_input_is_refused():
-    arm = SymbolicArm.of(irb_2000())
+    arm = DesignArm.of(irb_2000())
     with pytest.raises(InputError, match=r"sign: must be 1 or -1"):
         dm_2_constraint(arm, 0.1, sign=0)
     with pytest.raises(InputError, match="at most 1"):

@@ -8,14 +8,14 @@ from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.encodings import ratio_constraint
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number, platform_conditioning
 from ocptip.indices.platforms.platform import PlanarPlatformPose, StewartPlatform
 from ocptip.indices.platforms.reviewed import best_complex, manipulability
-from ocptip.indices.platforms.symbolic import SymbolicPlatform, planar_forms, roll_pitch_yaw
+from studies.indices.designs.encodings import ratio_constraint
 from studies.indices.designs.flight_simulator import FlightSimulator
 from studies.indices.designs.optimal_planar import optimal_planar_pose
+from studies.indices.designs.platform_forms import SymbolicPlatform, planar_forms, roll_pitch_yaw
 from tests.indices.sample_platforms import SEEDS, random_ellipsoid, random_pose
 from tests.quick import examples
 

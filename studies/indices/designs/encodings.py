@@ -1,9 +1,7 @@
 """Matrix inequalities and eigenvalue ratios as constraints of a nonlinear program (CasADi).
 
-Indices are ratios of extremal eigenvalues, which have no derivative where eigenvalues meet: exactly in the
-best poses of symmetric designs. The encodings here are smooth. `ldl` and `lifted` are exact, `trace` and the
-surrogate are conservative: what they accept satisfies the index. Leading principal minors are not offered: an
-optimiser's tolerance on a tiny determinant lets the index be violated by far.
+`ldl` and `lifted` are exact, `trace` is conservative: what it accepts satisfies the index. Leading principal
+minors are not offered: an optimiser's tolerance on a tiny determinant lets the index be violated by far.
 
 All functions take SX or MX matrices; SX gives far smaller programs. Scale the matrices to entries near one.
 """
@@ -12,17 +10,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
 import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
+from ocptip.indices.smooth import (
+    Symbolic,
+    by_scalars,
+    isotropy_surrogate,
+    order,
+    same_order,
+    soft_smallest_eigenvalue,
+)
 
-if TYPE_CHECKING:
-    Symbolic = Any  # CasADi's stubs have no operators between values that are SX or MX
-else:
-    Symbolic = cs.SX | cs.MX
 Method = Literal["ldl", "lifted", "trace"]
 METHODS = ("ldl", "lifted", "trace")
 
@@ -68,7 +70,7 @@ def psd_constraint(
     Raises:
         InputError: A is not square, unknown method, or p no power of two.
     """
-    m = _order("A", A)
+    m = order("A", A)
     if method == "trace":
         # The trace alone does not see the signs of the eigenvalues.
         pivots = [pivot - PIVOT_MARGIN for pivot in _pivots(A)]
@@ -103,7 +105,7 @@ def ratio_constraint(
     Raises:
         InputError: an argument outside of its range.
     """
-    m = _same_order(A, B)
+    m = same_order(A, B)
     ratio = positive_number("ratio", ratio)
     if ratio > 1.0:
         raise InputError(f"ratio: an index is at most 1, got {ratio}")
@@ -127,31 +129,6 @@ def ratio_constraint(
         cs.vertcat(s, lower.variables, upper.variables),
         guess,
     )
-
-
-def isotropy_surrogate(A: Symbolic, B: Symbolic, p: int = 8) -> Symbolic:
-    """Smooth stand-in CI_p for c = sqrt(lambda_min / lambda_max) of B x = lambda A x.
-
-    CI_p = (m^2 / (tr M^p tr M^-p))^(1/2p), M = A^-1 B: in [0, 1], one only where all eigenvalues are equal,
-    and c <= CI_p <= m^(1/p) c.
-
-    Args:
-        A, B: (m, m) symmetric positive definite expressions.
-        p: a power of two; 4 or 8 is good.
-
-    Raises:
-        InputError: shapes differ or p is no power of two.
-    """
-    m = _same_order(A, B)
-    forward = _power_trace(_solve(A, B), p)
-    backward = _power_trace(_solve(B, A), p)
-    return (m * m / (forward * backward)) ** (1.0 / (2 * p))
-
-
-def soft_smallest_eigenvalue(A: Symbolic, p: int = 8) -> Symbolic:
-    """(tr A^-p)^(-1/p): between m^(-1/p) and 1 times the smallest eigenvalue of a positive definite A."""
-    m = _order("A", A)
-    return _power_trace(_solve(A, type(A)(cs.DM.eye(m))), p) ** (-1.0 / p)
 
 
 def _lifted(matrix: Symbolic, floor: Symbolic | float, name: str) -> ConstraintBlock:
@@ -194,41 +171,7 @@ def inequality(g: Symbolic) -> ConstraintBlock:
 
 def _pivots(A: Symbolic) -> list[Symbolic]:
     """D of A = L D L', without permutation."""
-    return cs.vertsplit(_by_scalars(lambda a: cs.ldl(a, False)[0], A))
-
-
-def _solve(A: Symbolic, B: Symbolic) -> Symbolic:
-    """A^-1 B by L D L' without permutation: right for positive definite A."""
-    return _by_scalars(lambda a, b: cs.ldl_solve(b, *cs.ldl(a, False)), A, B)
-
-
-def _by_scalars(compute: Callable[..., cs.SX], *matrices: Symbolic) -> Symbolic:
-    """What CasADi computes of SX matrices alone, of SX or MX matrices."""
-    if isinstance(matrices[0], cs.SX):
-        return compute(*matrices)
-    symbols = [cs.SX.sym("entries", *matrix.shape) for matrix in matrices]
-    return cs.Function("by_scalars", symbols, [compute(*symbols)])(*matrices)
-
-
-def _power_trace(M: Symbolic, p: int) -> Symbolic:
-    """tr M^p by repeated squaring."""
-    if isinstance(p, bool) or not isinstance(p, int) or p < 1 or p & (p - 1):
-        raise InputError(f"p: expected a power of two, got {p!r}")
-    while p > 2:
-        M, p = M @ M, p // 2
-    return cs.trace(M) if p == 1 else cs.sum1(cs.sum2(M * M.T))
-
-
-def _order(name: str, A: Symbolic) -> int:
-    if not isinstance(A, cs.SX | cs.MX) or A.shape[0] != A.shape[1]:
-        raise InputError(f"{name}: expected a square SX or MX matrix, got {type(A).__name__}")
-    return A.shape[0]
-
-
-def _same_order(A: Symbolic, B: Symbolic) -> int:
-    if _order("A", A) != _order("B", B) or type(A) is not type(B):
-        raise InputError(f"B: expected the same kind and shape as A, got {B.shape} for {A.shape}")
-    return A.shape[0]
+    return cs.vertsplit(by_scalars(lambda a: cs.ldl(a, False)[0], A))
 
 
 def _constant(value: Symbolic | float) -> float:
