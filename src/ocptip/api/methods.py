@@ -106,7 +106,7 @@ def _searched(
         motion_plan = _first_of(methods, task, budget, direct, seed, say)
         if method is not None:
             return motion_plan
-        carries = len(task.robot.interfaces) > 1
+        carries = bool(task.robot.carried)
         cancelled = task.segments[0].task.limits.cancel is not None and not motion_plan.motion.rise_times
         if not carries and not cancelled:  # timings know no other stops
             return motion_plan
@@ -160,7 +160,7 @@ def _or_slow(
     long. Where even that one is not safe when cancelled, a search without a time limit does not begin: a stop
     decelerates as hard from a slow motion as from a fast one.
     """
-    cancelled, carries, slow = task.limits.cancel is not None, len(task.robot.interfaces) > 1, None
+    cancelled, carries, slow = task.limits.cancel is not None, bool(task.robot.carried), None
 
     def slow_motion(share: float) -> MotionPlan | None:
         say("checking a slow motion of all joints in step ...")

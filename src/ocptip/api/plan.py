@@ -261,7 +261,7 @@ def _cancels_slowly(motion_task: MotionTask) -> tuple[SafeDecelerations, str, fl
     text = f"even slowly, joints in step from start to goal in {motion.end:.3g} s: {result.text}"
     if result.minimum is not None:
         return result, f"{text}. Plan with --deceleration in that range", motion.end
-    if len(motion_task.robot.interfaces) > 1:
+    if motion_task.robot.carried:
         text += (
             ". Joints that stop one by one tilt what objects stand on: plan with --stop-safe path, and let "
         )

@@ -89,7 +89,7 @@ def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stabili
     stability.drives()
     for stage, robot in zip(stages, robots, strict=True):
         stage.rests(robot, cases)
-    if not any(robot.interfaces[1:] for robot in robots):  # charts are of payloads that the gripper holds
+    if not any(robot.carried for robot in robots):  # charts are of payloads that the gripper holds
         stability.charts = [chart(task, of=kind, samples=CHART_POSTURES) for kind in KINDS]
     return stability
 

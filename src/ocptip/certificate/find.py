@@ -125,7 +125,7 @@ def certify(
         speeds_within=verdict.holds and data["bounds"].get(SPEED_OF_POINTS_WITHIN, np.inf) <= 1,
         cancels=verdict.holds
         and proved.issuperset(every_of_cancels(tolerance is not None))
-        and not robot.interfaces[1:],  # what cancels do to objects is only sampled
+        and not robot.carried,  # what cancels do to objects is only sampled
         worst={name: one.value for name, one in worst.items()},
     )
 

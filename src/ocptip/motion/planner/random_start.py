@@ -57,7 +57,7 @@ def random_start(
     kept = tuple(limit for limit in kinds if not isinstance(limit, BrakeLimit))
     braked = [limit for limit in kinds if isinstance(limit, BrakeLimit)]
     paces = {"energy": (LEISURE,), "time": (HASTE,), "both": (LEISURE, HASTE)}[objective.name]
-    straight &= len(robot.interfaces) > 1
+    straight &= bool(robot.carried)
     candidates = [
         _candidate(robot, start, goal, joints, commands, kept, rng, paces[i % len(paces)], straight)
         for i in range(1 if straight else WITH_BRAKES if braked else CANDIDATES)
@@ -107,7 +107,7 @@ def _candidate(
     speed, acceleration = (np.where(np.isfinite(v), v, 10.0) for v in (limit.speed, limit.acceleration))
     together = np.maximum(way, SHORTEST_WAY * np.max(way))  # along the straight line, in these proportions
     even = [together * np.min(most / together) if np.any(way) else most for most in (speed, acceleration)]
-    nearer, draws = NEARER if len(robot.interfaces) > 1 else (1.0, DRAWS)
+    nearer, draws = NEARER if robot.carried else (1.0, DRAWS)
     best, least, apart = None, np.inf, float(not straight)
     for _ in range(1 if straight else draws):
         table: list[list[RampCommand] | None] = [None] * robot.n
