@@ -18,6 +18,7 @@ import argparse
 import csv
 import json
 import os
+import re
 import sys
 import tomllib
 from collections import Counter
@@ -90,7 +91,7 @@ def _masses(urdf: Path, task: Path) -> dict[str, float]:
     """Masses of base and arm in the task, kg, and how far their sum is off Pinocchio's, as a share."""
     base = float(tomllib.loads(task.read_text())["base"]["mass"])
     arm = float(read_task(task).robot.arm.masses.sum())
-    root = ET.parse(urdf).getroot()
+    root = _tree(urdf)
     for limit in root.iter("limit"):  # Pinocchio refuses limits without these
         limit.attrib.update({"effort": "0", "velocity": "0"} | limit.attrib)
     for link in root.iter("link"):  # nor does it know capsules
@@ -103,7 +104,7 @@ def _masses(urdf: Path, task: Path) -> dict[str, float]:
 def _off(urdf: Path, base: str, contacts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Largest distances, mm: of contacts from the box of their links' lowest vertices, seen from above, and
     of these vertices from the common ground. None: no link of them has a mesh or solid that trimesh reads."""
-    root = ET.parse(urdf).getroot()
+    root = _tree(urdf)
     places = _places(root)
     to_base = np.linalg.inv(places[base])
     off, lows = [], []
@@ -119,6 +120,12 @@ def _off(urdf: Path, base: str, contacts: Sequence[Mapping[str, Any]]) -> dict[s
     if not off:
         return {"off_mm": None, "gap_mm": None, "judged": 0}
     return {"off_mm": 1e3 * max(off), "gap_mm": 1e3 * (max(lows) - min(lows)), "judged": len(off)}
+
+
+def _tree(urdf: Path) -> ET.Element:
+    """The robot; prefixes that no file declares, such as drake:acceleration, are part of the names."""
+    text = urdf.read_text()
+    return ET.fromstring(text if "xmlns" in text else re.sub(r"(</?|\s)(\w+):(\w+[ =>/])", r"\1\2_\3", text))
 
 
 def _origin(element: ET.Element | None) -> np.ndarray:

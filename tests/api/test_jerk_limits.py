@@ -79,6 +79,20 @@ def test_a_path_with_a_step_of_its_curvature_is_noted(tmp_path):
     (note,) = [note for note in plan.task.robot.notes if "jerk" in note]
     assert "jerk limits of joints hip, knee are not kept" in note
     assert "s = 0.5000" in note
+    plan.save(tmp_path / "plan", figures=False)  # its task still has them
+    (text,) = [text for text in ocptip.check(tmp_path / "plan").broken if "jerk" in text]
+    assert text.startswith("jerk is ")
+
+
+def test_steps_of_joints_without_a_jerk_limit_break_none(tmp_path):
+    path = limited(tmp_path, URDF)
+    urdf = (tmp_path / "two.urdf").read_text(encoding="utf-8")
+    first = f'jerk="{JERK:g}"'
+    (tmp_path / "two.urdf").write_text(urdf.replace(first, "", 1), encoding="utf-8")
+    task = load_task(path)
+    assert np.isinf(task.robot.limits.jerk).tolist() == [True, False]
+    rises = np.array([0.0, RISE])
+    assert jerk_of(task, profiles(task, rises)).detail == "knee"  # and no warning
 
 
 RISE, SPEED, ACCELERATION = 0.1, 0.6, 1.5

@@ -23,6 +23,7 @@ from ocptip.motion.cycles.check import cycle_check
 from ocptip.motion.cycles.task import CycleTask, refuse_driving, refuse_objects
 from ocptip.motion.files.execution import Execution, execute, slowed_as_needed, slower_to_prove
 from ocptip.motion.files.plan_files import run_by
+from ocptip.motion.files.source import source_of
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.objective import TIME, objective_of
 from ocptip.motion.stops.check import cancels_by_segment
@@ -165,16 +166,19 @@ def _whole_body(
 
 
 def _beyond_jerk_limits(task: MotionTask, fit: FittedPath) -> MotionTask:
-    """The task, whose robot has no jerk limits, but a note that no timing of the path keeps them."""
+    """The task, whose robot has no jerk limits, but a note that no timing of the path keeps them; its file
+    still has them."""
     robot = Robot.of(task.robot)
     joints = ", ".join(robot.names[j] for j in np.flatnonzero(np.isfinite(robot.limits.jerk)))
     place = fit.path.breakpoints[fit.path.bends[0]]
     note = (
         f"jerk limits of joints {joints} are not kept: the curvature of the path has a step at "
-        f"s = {place:.4f}; waypoints without times are joined smoothly"
+        f"s = {place:.4f}, and `ocptip check` reports them as broken; waypoints without times are joined "
+        "smoothly"
     )
     arm = robot.arm.with_notes(note).with_limits(jerk=np.full(robot.n, np.inf))
-    return replace(task, robot=robot.varied(arm=arm))
+    source, robot = source_of(task), robot.varied(arm=arm)
+    return replace(task, robot=robot, source=source and replace(source, robot=robot))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

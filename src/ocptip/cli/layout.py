@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,8 @@ _PRICES = {
 }
 _NAMED = 3  # names of files in the last lines
 _WIDEST = 7  # characters of the names of lines, at least
+_LONG_NOTE = 140  # characters
+_NAMES = re.compile(r"[^\s,;:()]+(?:, [^\s,;:()]+){4,}(?=$|[;:]| )")  # five and more single words
 _COLUMNS = ("GN", "GT", "torque_ratio", "clearance_m")
 _HEADS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque", "clearance_m": "clearance"}
 
@@ -54,6 +57,20 @@ def masses(robot: StandingMechanism) -> str:
 def under(name: str, texts: Iterable[object]) -> list[tuple[str, str]]:
     """Named lines of several texts; the first has the name."""
     return [("" if k else name, f"{text}") for k, text in enumerate(texts)]
+
+
+def brief_notes(notes: Iterable[str], verbose: bool) -> list[str]:
+    """Notes with long lists of names cut to the first ones and a number, unless all is asked for."""
+    results = []
+    for note in notes:
+        brief = _NAMES.sub(_first_names, note) if len(note) > _LONG_NOTE and not verbose else note
+        results.append(brief if brief == note else f"{brief} (-v lists all)")
+    return results
+
+
+def _first_names(names: re.Match[str]) -> str:
+    every = names[0].split(", ")
+    return f"{', '.join(every[:3])} and {len(every) - 3} more"
 
 
 def changes_table(sensitivities: Sequence[Sensitivity], title: str = "") -> list[str]:

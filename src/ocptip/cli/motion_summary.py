@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics.text import percent, some, table, wrapped
-from ocptip.cli.layout import changes_table, files_lines, segment_rows, stop_table, under
+from ocptip.cli.layout import brief_notes, changes_table, files_lines, segment_rows, stop_table, under
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops.cancels import SafeDecelerations, in_all
 from ocptip.motion.stops.check import Stops
@@ -19,9 +18,6 @@ from ocptip.motion.violations import broken_words
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 from ocptip.trajectories.trajectory import Trajectory
-
-_LONG_NOTE = 140  # characters
-_NAMES = re.compile(r"[^\s,;:()]+(?:, [^\s,;:()]+){4,}(?=$|[;:]| )")  # five and more single words
 
 
 def notes(checked: MotionCheck) -> list[str]:
@@ -71,20 +67,6 @@ def notes(checked: MotionCheck) -> list[str]:
     if checked.within and "GN_gears" in checked.worst:
         results.append("vibration of elastic joints is checked in the nominal model only")
     return results
-
-
-def brief_notes(notes: Iterable[str], verbose: bool) -> list[str]:
-    """Notes with long lists of names cut to the first ones and a number, unless all is asked for."""
-    results = []
-    for note in notes:
-        brief = _NAMES.sub(_first_names, note) if len(note) > _LONG_NOTE and not verbose else note
-        results.append(brief if brief == note else f"{brief} (-v lists all)")
-    return results
-
-
-def _first_names(names: re.Match[str]) -> str:
-    every = names[0].split(", ")
-    return f"{', '.join(every[:3])} and {len(every) - 3} more"
 
 
 def required_lines(outcomes: Iterable[object]) -> list[str]:

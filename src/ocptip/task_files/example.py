@@ -190,7 +190,7 @@ class ExampleMotion:
             return "start and goal are an example; no two solids can collide that do not always touch"
         if self.clear < 0:
             return "start and goal are an example in which links overlap: the search has no clear one"
-        return f"start and goal are an example {1e3 * self.clear:.2g} mm clear of arm and ground"
+        return f"start and goal are an example {1e3 * self.clear:.0f} mm clear of arm and ground"
 
 
 def example_motion(arm: ArmModel, geometry: ArmGeometry | None, base: ExampleBase) -> ExampleMotion:

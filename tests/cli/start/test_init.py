@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError, InputWarning
+from ocptip.cli.layout import brief_notes
 from ocptip.cli.main import main
-from ocptip.cli.motion_summary import brief_notes
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.reference import json_schema
 from ocptip.task_files.template import MARK, task_template
@@ -48,6 +48,7 @@ def test_file_is_complete_but_for_its_marks(here, capsys):
     said = capsys.readouterr().out
     assert said.startswith("lift.toml: written.\n")
     assert "base to tool0: lift, turn_1, turn_2" in said
+    assert "acceleration limits of joints lift, turn_1, turn_2: full speed in 0.5 s, for the URDF" in said
     text = (here / "lift.toml").read_text(encoding="utf-8")
     data = tomllib.loads(text)  # as it is: TOML, but no task yet
     assert data["arm"]["urdf"] == "robots/lift.urdf"

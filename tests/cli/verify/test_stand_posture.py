@@ -50,6 +50,14 @@ def test_forces_balance_what_pinocchio_says_of_the_arm(capsys, posture):
     assert data["posture"]["broken"] == []
 
 
+def test_assumptions_about_the_robot_are_part_of_the_answer(capsys):
+    code, data = answered(capsys, "--posture", "start")
+    assert code == 0
+    assert any(note.startswith("energy: motors are estimated") for note in data["assumed"])
+    main(["stand", str(TASK), "--posture", "start"])
+    assert "\nassumed      energy: motors are estimated" in capsys.readouterr().out
+
+
 def test_the_folder_of_a_plan_gives_the_postures_of_its_motion(capsys, tmp_path):
     task = load_task(TASK, NONE)
     start, goal = next(pair for pair in task.choices if np.abs(pair[1] - task.goal).max() > 1)

@@ -395,6 +395,7 @@ class Standing:
             "wrench": self.scene.wrench,
             **({"sensitivities": changes} if changes else {}),
             **({"posture": self.posture.to_dict()} if self.posture else {}),
+            "assumed": self.posture.robot.notes if self.posture else [],
             **self._objects_to_dict(),
             "residual": self.verdict.state.residual,
             "pivots": self.verdict.state.pivots,

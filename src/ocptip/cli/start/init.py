@@ -16,8 +16,7 @@ from ocptip.basics.text import some
 from ocptip.basics.toml import MARK
 from ocptip.basics.write import write_text
 from ocptip.cli.command import Report
-from ocptip.cli.layout import named
-from ocptip.cli.motion_summary import brief_notes
+from ocptip.cli.layout import brief_notes, named
 from ocptip.cli.options import naming_options, taken
 from ocptip.robots.urdf.collision import package_folder
 from ocptip.robots.urdf.conversion import Converted, converted
@@ -57,7 +56,7 @@ class InitReport(Report):
             "tool_frame": template.tool_frame,
             "joints": template.arm.joint_names,
             "units": template.arm.file_units,
-            "assumed": template.arm.notes,
+            "assumed": self._assumed,
             "examples": [template.example],
             "base": {
                 "from_urdf": template.base.of_urdf,
@@ -80,7 +79,7 @@ class InitReport(Report):
         arm = template.arm
         lines = [
             ("arm", f"{template.base_link} to {template.tool_frame}: {', '.join(arm.joint_names)}"),
-            *(("assumed", note) for note in brief_notes(arm.notes, self.verbose)),
+            *(("assumed", note) for note in brief_notes(self._assumed, self.verbose)),
             ("base", template.base.source),
             ("example", template.example),
             *self._geometry(),
@@ -88,6 +87,11 @@ class InitReport(Report):
             ("then", f"ocptip plan {self.path}"),
         ]
         return "\n".join([f"{self.path}: written.", *named(lines)])
+
+    @property
+    def _assumed(self) -> tuple[str, ...]:
+        """The assumptions of the file about the arm, as results of its task will name them."""
+        return self.template.arm.with_usual_accelerations("the URDF").notes
 
     def _geometry(self) -> Iterator[tuple[str, str]]:
         """The row about collision geometry, if any is missing."""

@@ -25,7 +25,7 @@ from ocptip.basics.text import (
     towards,
     without_noise,
 )
-from ocptip.cli.layout import changes_table, fitted, under
+from ocptip.cli.layout import brief_notes, changes_table, fitted, under
 from ocptip.cli.options import GatedReport, gate_of, given_tolerance, read_gate
 from ocptip.contact.elastic import Shared
 from ocptip.contact.resting import what_moves
@@ -269,6 +269,8 @@ class StandReport(GatedReport):
             lines.append(("solver", f"{solver.pivots} pivots, residual {solver.residual:.1g} (relative)"))
         if state.solved and not result.slip.solved[0]:
             lines.append(("note", f"friction used: {result.slip.status[0]}"))
+        if result.posture:
+            lines += under("assumed", brief_notes(result.posture.robot.notes, self.verbose))
         return lines
 
     def _indices(self) -> list[tuple[str, str]]:

@@ -115,7 +115,7 @@ class JerkLimit(PeakLimit):
 
     def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
         motion, jerks = sampled.motion, self.asked.jerks(self.robot.limits)
-        ratio = np.where(np.isfinite(jerks), motion.largest_jerks / jerks, 0.0)
+        ratio = np.divide(motion.largest_jerks, jerks, out=np.zeros(len(jerks)), where=np.isfinite(jerks))
         j = int(np.argmax(ratio))
         value, more = float(ratio[j]), motion.jerk_source
         if value == np.inf:
