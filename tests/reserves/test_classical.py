@@ -30,6 +30,8 @@ def test_of_weight_they_are_those_of_statics():
     angle = np.arctan(distance / 0.5)
     assert one.zero_moment_point == pytest.approx(distance)
     assert one.static_angle == pytest.approx(angle)
+    edges = np.array([0.25, 0.16, 0.35, 0.24])  # at x = 0.3, y = -0.2, x = -0.3, y = 0.2
+    np.testing.assert_allclose(sorted(one.static_angles), sorted(np.arctan(edges / 0.5)))
     assert one.force_angle == pytest.approx(angle * weight * distance)
     assert one.moment_height == pytest.approx(weight * distance * (2.0 + 40 * (distance**2 + 0.25)))
 

@@ -22,6 +22,7 @@ class ClassicalMeasures:
         zero_moment_point: (N,) m, distance of the zero-moment point from the nearest edge.
         static_angle: (N,) rad, smallest angle by which the load at the centre of mass of all bodies has to
             turn about an edge to pass through it. Of weight alone it is the tilt of the floor that tips it.
+        static_angles: (N, A) the same about each edge, in the order of `TipOver.axes`.
         force_angle: (N,) rad N m, force-angle measure [PR00]: minimum of angle times lever arm times force.
         moment_height: (N,) kg^2 m^4/s^2 where positive, else 1/s^2: moment-height measure [MA07], minimum of
             tipping moment times moment of inertia of the base about the edge (divided by it where the moment
@@ -33,6 +34,7 @@ class ClassicalMeasures:
 
     zero_moment_point: np.ndarray
     static_angle: np.ndarray
+    static_angles: np.ndarray
     force_angle: np.ndarray
     moment_height: np.ndarray
     load_transfer: np.ndarray
@@ -76,6 +78,7 @@ class ClassicalMeasures:
         return cls(
             zero_moment_point=np.min(moments, axis=1) / (-wrenches[:, :3] @ plane),
             static_angle=np.min(static, axis=1),
+            static_angles=static,
             force_angle=np.min(angles * np.abs(moments), axis=1),  # lever arm times force is the moment
             moment_height=np.min(np.where(moments > 0, moments * inertia, moments / inertia), axis=1),
             load_transfer=_load_transfer(support.arms[:, :2], normal_forces, total),

@@ -285,10 +285,12 @@ class StandReport(GatedReport):
         if result.slip.slide_acceleration[0] > 0:
             lines.append(("", beyond.format(ratio(result.slip.slide_acceleration[0]), "slides")))
         if (other := result.classical) is not None:
-            angle, point = float(np.degrees(other.static_angle)), 1e3 * float(other.zero_moment_point)
+            point = 1e3 * float(other.zero_moment_point)
+            angles = zip(np.degrees(other.static_angles), result.edges, strict=True)
+            static = [f"{quantity(angle, 'deg', 3)} ({' and '.join(map(str, edge))})" for angle, edge in angles]
             along = " and ".join(f"{100 * share:.0f} %" for share in other.load_transfer)
             lines.append(("classical", f"zero-moment point {quantity(point, 'mm', 3)} from the edge"))
-            lines.append(("", f"static angle {quantity(angle, 'deg', 3)}"))
+            lines.append(("", f"static angle over the edge of contacts: {', '.join(static)}"))
             lines.append(("", f"force-angle measure {quantity(float(other.force_angle), 'rad N m', 3)}"))
             unit = "kg^2 m^4/s^2" if other.moment_height > 0 else "1/s^2"
             lines.append(("", f"moment-height measure {quantity(float(other.moment_height), unit, 3)}"))
