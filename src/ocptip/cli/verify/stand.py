@@ -287,7 +287,9 @@ class StandReport(GatedReport):
         if (other := result.classical) is not None:
             point = 1e3 * float(other.zero_moment_point)
             angles = zip(np.degrees(other.static_angles), result.edges, strict=True)
-            static = [f"{quantity(angle, 'deg', 3)} ({' and '.join(map(str, edge))})" for angle, edge in angles]
+            static = [
+                f"{quantity(angle, 'deg', 3)} ({' and '.join(map(str, edge))})" for angle, edge in angles
+            ]
             along = " and ".join(f"{100 * share:.0f} %" for share in other.load_transfer)
             lines.append(("classical", f"zero-moment point {quantity(point, 'mm', 3)} from the edge"))
             lines.append(("", f"static angle over the edge of contacts: {', '.join(static)}"))
