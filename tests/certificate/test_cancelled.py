@@ -165,6 +165,14 @@ def test_a_cancel_by_hand():
     assert _judged(_cancels(0.49 / (0.49 + 6.867 - 1.52), rate=1.5)).holds
 
 
+def test_the_force_of_a_drive_in_a_cancel_by_hand():
+    """2 kg on a slide decelerate by 3 m/s^2: 6 of 100 N."""
+    for bound, holds in ((0.0601, True), (0.0599, False)):
+        data = _cancels(0.2)
+        data["bounds"]["torque_ratio_cancel"] = bound
+        assert _judged(data).holds == holds
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -203,6 +211,9 @@ def test_other_covers_are_refused(changes):
         ("GT_cancel", None),
         ("GN_cancel_worst_case", 0.5),
         ("angle_margin_cancel", float("nan")),
+        ("torque_ratio_cancel", 0.0),
+        ("torque_ratio_cancel", float("nan")),
+        ("torque_ratio_cancel_worst_case", 0.5),  # without a tolerance
     ],
 )
 def test_other_claims_are_refused(key, value):

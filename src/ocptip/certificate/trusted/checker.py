@@ -48,6 +48,7 @@ from ocptip.certificate.trusted.described import (
     angle_margins,
     limits_of,
 )
+from ocptip.certificate.trusted.drives import Drives
 from ocptip.certificate.trusted.forms import known
 from ocptip.certificate.trusted.plain import (
     DECELERATIONS,
@@ -82,6 +83,9 @@ COVERS_OF_CANCELS = {
 """Claims about the states of a motion that is cancelled at any time, and the keys of what proves them."""
 ANGLE_MARGIN_CANCEL = "angle_margin_cancel"
 """Claim: minimum margin, rad or m, of joints to their limits in all cancels that claims are about."""
+TORQUES_CANCEL = "torque_ratio_cancel", "torque_ratio_cancel_worst_case"
+"""Claims: maximum torques over limits in all cancels, of the nominal model and within the tolerance, with all
+joints on time; proved with the boxes of `NOMINAL_CANCEL`."""
 _TIPPING = ("GN", "GN_worst_case", "GN_cancel", "GN_cancel_worst_case")
 _AT_ONCE = 400  # boxes
 
@@ -164,9 +168,12 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
     if tolerance is not None:
         require_tolerance(tolerance)
     ratios = (TORQUES, SPEED_OF_POINTS_WITHIN)
+    above = (*ratios, *TORQUES_CANCEL, SPEED_OF_POINTS)  # bounds that may exceed 1
     names_bounded = (*within, *(key for key in ratios if within and key in bounds))
     names_bounded += (SPEED_OF_POINTS,) if model.get(POINTS) else ()
     names_bounded += tuple(key for names in cancels for key in names)
+    if COVERS_OF_CANCELS[NOMINAL_CANCEL] in cancels:
+        names_bounded += tuple(key for key in TORQUES_CANCEL[: 1 + bool(within)] if key in bounds)
     carried, kinds = model.get(OBJECTS, []), (False, True) if within else (False,)
     names_bounded += tuple(key for one in carried for kind in kinds for key in claims_of(one, kind))
     apart = [key for key in ("clearance", CLEARANCE) if key in bounds]
@@ -179,7 +186,7 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
             ("GN", 1.0),
             ("GT", 1.0),
             ("torque_ratio", LARGEST),
-            *((key, LARGEST if key in (*ratios, SPEED_OF_POINTS) else 1.0) for key in names_bounded),
+            *((key, LARGEST if key in above else 1.0) for key in names_bounded),
         )
         if not 0 < numbers(key, bounds[key], ()) < most
     ]
@@ -290,13 +297,18 @@ def _problems_of_cancels(
     boxes = cancelled.cover(cancel_data["trees"])
     count, limits = len(boxes.piece), limits_of(model)
     forces, weights = _shared(sharing, cancel_data, count)
-    names = [*CLAIMS_OF_CONTACTS, "angle"]
+    worlds = dict(zip(TORQUES_CANCEL, (NOTHING, data["tolerance"]), strict=True))
+    asked = bounds.keys() & worlds if cover == NOMINAL_CANCEL else ()
+    drives = {key: Drives(model, worlds[key]) for key in asked}
+    names = [*CLAIMS_OF_CONTACTS, "angle", *drives]
     least = np.full(len(names), np.inf)
     for begin in range(0, count, _AT_ONCE):
         for rows in cancelled.rows(boxes.some(slice(begin, begin + _AT_ONCE))):
             here = begin + rows.number
             margins = sharing.margins(sharing.terms(rows), forces[..., here], weights[..., here])
             margins["angle"] = angle_margins(rows.q, limits) - bounds[ANGLE_MARGIN_CANCEL]
+            for key, one in drives.items():
+                margins[key] = bounds[key] - one.shares(rows, limits["torque"])
             least = np.minimum(least, [np.min(known(margins[name])) for name in names])
     within = " within tolerance" if cover == WITHIN_CANCEL else ""
     short = [name.split()[0] for name, value in zip(names, least, strict=True) if not value >= 0]

@@ -1,7 +1,7 @@
 """Torques (of sliding joints: forces) of the drives within a tolerance, over intervals of time, from above.
 
-All joints are on time here. Then a torque is a sum over bodies: a weight in an interval times what the body
-asks of the joint. That has a part proportional to the square of the speed factor, and one that is linear in
+All joints are on time here, also after a cancel. Then a torque is a sum over bodies: a weight in an interval
+times what the body asks of the joint. That has a part proportional to the square of the speed factor, and one that is linear in
 gravity. The maximum over weights, speed factors, tilted gravity and a push at the gripper has a closed form
 that is convex in these parts. They are polynomials of s, and so means of their Bernstein coefficients: on the
 whole interval no torque is greater than the form's largest value at these. Plain data and NumPy only.
@@ -17,6 +17,7 @@ import numpy as np
 from ocptip.certificate.trusted.arm import Arm, Driven, crossed, times_rows, turned
 from ocptip.certificate.trusted.bodies import bodies, paces
 from ocptip.certificate.trusted.forms import BERNSTEIN, Form, K, U, dot, linear, stack
+from ocptip.certificate.trusted.late import Rows
 from ocptip.certificate.trusted.plain import SPRING_SHARE
 
 
@@ -90,6 +91,14 @@ class Drives:
             bent,
         )
         return share + np.abs(arm.ratios.T) @ loose
+
+    def shares(self, rows: Rows, limits: np.ndarray) -> np.ndarray:
+        """(R,): upper bounds of torques over limits (n,), for all values of further numbers in the states."""
+        q, qd, qdd = (
+            Form(form.c[:K], form.r + np.sum(np.abs(form.c[K:]), axis=0) * (1 + U))
+            for form in (rows.q, rows.qd, rows.qdd)
+        )
+        return np.max(self.greatest(q, qd, qdd, rows.ends) / limits[:, None], axis=0) * (1 + U)
 
     def _coordinates(self, form: Form) -> Form:
         """Torques, or their parts, of joints, (links, ...), as those of the drives' coordinates."""
