@@ -256,6 +256,26 @@ def test_cancels_are_proved_close_to_their_sampled_worst_values(nodding):
     assert bounds["angle_margin_cancel"] <= np.radians(checked.worst["angle_margin_deg_cancel"].value)
 
 
+def test_torques_of_cancels_are_proved_close_to_drawn_ones(nodding):
+    """Joints on time, as planned and faster by the speed factor."""
+    robot, limits, _, found = nodding
+    bounds, rates = found.verdict.bounds, np.array(limits.cancel.decelerations)
+    motion, rng = _nod(experiment_task("B")), np.random.default_rng(0)
+    instants, count = np.append(rng.uniform(0, motion.end, 400), motion.event_times), 7
+    q, v, _ = motion.states(instants)
+    states = limits.cancel.states_at(
+        q, v, np.repeat(np.arange(len(q)), count), np.tile(np.linspace(0, 1, count), len(q))
+        * np.repeat(np.max(np.abs(v) / rates, axis=1), count) * 0.999,
+    )  # fmt: skip
+    drawn = np.abs(robot.loads(states.q, states.qd, states.qdd)[0]) / robot.limits.torque
+    assert np.max(drawn) <= bounds["torque_ratio_cancel"] <= limits.torque_ratio
+    assert np.max(drawn) > 0.6 * bounds["torque_ratio_cancel"]
+    speed = 1 + limits.tolerance.speed
+    faster = robot.loads(states.q, speed * states.qd, speed**2 * states.qdd)[0] / robot.limits.torque
+    assert np.max(np.abs(faster)) <= bounds["torque_ratio_cancel_worst_case"] <= limits.torque_ratio
+    assert "joint torque in cancels <= " in str(found)
+
+
 def test_no_drawn_cancel_is_worse_than_proved(nodding):
     """Wrenches by ball arithmetic, contact forces by a linear program."""
     _attacked(nodding[0], nodding[3], 40)

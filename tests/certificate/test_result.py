@@ -73,3 +73,10 @@ def test_other_lacks_have_their_reason(changes, words):
 )
 def test_amounts_have_the_unit_of_their_quantity(claim, short, text):
     assert str(Undecided(0.1, 0.2, claim, short)).startswith(text)
+
+
+def test_of_cancels_of_a_cycle_is_claimed_what_is_proved_of_all_its_motions():
+    both, one = {"GT": 0.5, "GT_cancel": 0.7}, {"GT": 0.6, "GT_cancel": 0.8, "torque_ratio_cancel": 0.4}
+    parts = [Certificate({}, Verdict(True, (), bounds, 1)) for bounds in (both, one)]
+    whole = parts[0].followed_by(parts[1:], [0.0, 1.0])
+    assert whole.verdict.bounds == {"GT": 0.6, "GT_cancel": 0.8}

@@ -19,9 +19,11 @@ from ocptip.certificate.trusted.checker import (
     ANGLE_MARGIN_CANCEL,
     COVERS_OF_CANCELS,
     NOMINAL_CANCEL,
+    TORQUES_CANCEL,
     WITHIN_CANCEL,
 )
 from ocptip.certificate.trusted.described import ANGLE, Intervals, angle_margins, limits_of
+from ocptip.certificate.trusted.drives import Drives
 from ocptip.certificate.trusted.forms import K
 from ocptip.certificate.trusted.late import Rows
 from ocptip.certificate.trusted.plain import DECELERATIONS, NOTHING
@@ -37,7 +39,11 @@ _LONGEST, _SHORTEST = 0.1, 3e-4  # s: of the first boxes, and of those that are 
 _AT_ONCE = 300  # boxes
 _MOST = 20_000  # boxes that are checked
 _PATIENT = 40  # rows of each 300 boxes of which the tightest bounds are tried
+_HEAVY = 4_000  # boxes up to which those are divided whose torques are too large, unless they are short
+_SHORT = 2e-3  # s
 _LARGE = 1e9  # N m
+_LESS = (0.3, 0.1, 0.03)  # of the load of a contact
+_ENOUGH = 1e3  # share of the friction with which only normal forces count
 
 
 @dataclass(eq=False)
@@ -48,6 +54,7 @@ class _Proved:
     weights: list[np.ndarray] = field(default_factory=list)
     places: list[tuple[int, str]] = field(default_factory=list)
     least: float = np.inf
+    torques: dict[str, float] = field(default_factory=dict)
 
 
 def proved_of_cancels(bounds: Mapping[str, float]) -> set[str]:
@@ -95,7 +102,9 @@ def cancel_claims(
         if any(name in worst and worst[name].value >= 1 for name in names):
             continue
         search = SearchWithin(footing, model, motion, goal, goals, knots)
-        result = SearchCancels(search, model, motion).claims()
+        worlds = zip(TORQUES_CANCEL, (NOTHING, tolerance), strict=True) if key == NOMINAL_CANCEL else ()
+        drives = {name: Drives(model, world) for name, world in worlds if world is not None}
+        result = SearchCancels(search, model, motion, drives, limits.torque_ratio).claims()
         within = " within tolerance" if key == WITHIN_CANCEL else ""
         every.short.extend((start, end, claim + within, by) for start, end, claim, by in result.short)
         if result.short:
@@ -103,6 +112,7 @@ def cancel_claims(
         every.bounds.update({name: result.bounds[goal] for name, goal in zip(names, goals, strict=True)})
         angle = result.bounds[ANGLE_MARGIN_CANCEL]
         every.bounds[ANGLE_MARGIN_CANCEL] = min(angle, every.bounds.get(ANGLE_MARGIN_CANCEL, angle))
+        every.bounds.update({name: result.bounds[name] for name in drives if name in result.bounds})
         every.cover[key] = result.cover
     return every
 
@@ -113,10 +123,19 @@ class SearchCancels:
     Args:
         search: of the contacts within a tolerance.
         model, motion: of a certificate.
+        drives: bounds of torques by the names of their claims; empty: nothing is claimed of these.
+        torque: largest share of their limits.
     """
 
-    def __init__(self, search: SearchWithin, model: Mapping[str, Any], motion: Mapping[str, Any]) -> None:
-        self._search, self._motion = search, motion
+    def __init__(
+        self,
+        search: SearchWithin,
+        model: Mapping[str, Any],
+        motion: Mapping[str, Any],
+        drives: Mapping[str, Drives],
+        torque: float,
+    ) -> None:
+        self._search, self._motion, self._drives, self._torque = search, motion, drives, torque
         self._cancelled = Cancelled(motion, model[DECELERATIONS], search.sharing.late)
         self._limits, self._contacts = limits_of(model), search.sharing.contacts
         self._splits: dict[tuple[int, str], str] = {}
@@ -131,8 +150,14 @@ class SearchCancels:
             for begin in range(0, len(places), _AT_ONCE):
                 for rows in self._cancelled.rows(boxes.some(slice(begin, begin + _AT_ONCE))):
                     part, here = self._search.checked(rows), begin + rows.number
-                    good = self._good(part)
+                    shares = {k: one.shares(rows, self._limits["torque"]) for k, one in self._drives.items()}
+                    light = np.max(list(shares.values()), axis=0, initial=0.0) <= self._torque
+                    light |= (np.max(sizes[here, :2], axis=1) < _SHORT) | (total > _HEAVY)
+                    good = self._good(part) & light
                     holds[here], margins[here] = good, part.moments
+                    for name, values in shares.items():
+                        most = float(np.max(values[good], initial=done.torques.get(name, 0.0)))
+                        done.torques[name] = most
                     sizes[here, 2:] *= self._relevance(rows, part.terms)
                     done.forces += list(np.moveaxis(part.forces[..., good], -1, 0))
                     done.weights += list(np.moveaxis(part.weights[..., good], -1, 0))
@@ -155,6 +180,7 @@ class SearchCancels:
         if self._contacts.flat:
             value = unit / (unit + done.least) if done.least > 0 else HIGHEST
             bounds[TIP_WITHIN] = min(value * (1 + 1e-9), HIGHEST)
+        bounds |= {name: most * (1 + 1e-9) for name, most in done.torques.items() if 0 < most <= self._torque}
         return SearchedClaims({**bounds, ANGLE_MARGIN_CANCEL: min(angle, 1e6) - 1e-9}, self._cover(done), [])
 
     def _good(self, part: CheckedRows) -> np.ndarray:
@@ -164,6 +190,28 @@ class SearchCancels:
         if len(rows):
             some = part.terms.some(rows), part.forces[:, 0][..., rows], part.weights[..., rows]
             good[rows] = self._search.sharing.held(*some, self._search.goals[SLIP_WITHIN]) >= 0
+            if self._contacts.flat and len(rows := rows[~good[rows]]):
+                good[rows] = self._shared_otherwise(part, rows)
+        return good
+
+    def _shared_otherwise(self, part: CheckedRows, rows: np.ndarray) -> np.ndarray:
+        """Which rows are proved if one contact gets less of the load than by their weights, or than an equal
+        share; the factor that presses all contacts most is kept. Forces and weights of these change in place.
+        """
+        sharing, count = self._search.sharing, self._contacts.count
+        less = np.ones((len(_LESS), count, count))
+        less[:, np.arange(count), np.arange(count)] = np.array(_LESS)[:, None]
+        less = less.reshape(-1, count).T[:, None, :, None]  # (contacts, 1, tries, 1)
+        own = part.weights[..., None, rows]
+        tried = np.concatenate([less * own, less * np.ones_like(own)], axis=2)  # (contacts, 2, tries, rows)
+        every = tried.reshape(count, 2, -1)
+        terms = part.terms.some(np.tile(rows, tried.shape[2]))
+        none = np.zeros((2, count, 3, every.shape[2]))
+        pressed = sharing.held(terms, none, every, _ENOUGH, patient=False).reshape(tried.shape[2:])
+        best = tried[:, :, np.argmax(pressed, axis=0), np.arange(len(rows))]
+        some = part.terms.some(rows), none[..., : len(rows)], best, self._search.goals[SLIP_WITHIN]
+        good = sharing.held(*some) >= 0
+        part.forces[:, 0][..., rows[good]], part.weights[..., rows[good]] = 0.0, best[..., good]
         return good
 
     def _lost(self, boxes: Boxes, sizes: np.ndarray, margins: np.ndarray) -> tuple[Boxes, np.ndarray]:

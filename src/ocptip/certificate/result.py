@@ -9,7 +9,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from ocptip.certificate.trusted.checker import ANGLE_MARGIN_CANCEL, COVERS_OF_CANCELS, Verdict
+from ocptip.certificate.trusted.checker import (
+    ANGLE_MARGIN_CANCEL,
+    COVERS_OF_CANCELS,
+    TORQUES_CANCEL,
+    Verdict,
+)
 from ocptip.certificate.trusted.described import CLEARANCE, SPEED_OF_POINTS, SPEED_OF_POINTS_WITHIN
 from ocptip.motion.violations import quantity_title
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
@@ -29,8 +34,10 @@ _CLAIMS = (
     ("Speed of points", "%", SPEED_OF_POINTS, SPEED_OF_POINTS_WITHIN),
     ("Tipping margin in cancels", "N m", *(names[0] for names in COVERS_OF_CANCELS.values())),
     ("Friction used in cancels", "%", *_SLIP_OF_CANCELS),
+    ("Joint torque in cancels", "%", *TORQUES_CANCEL),
 )
 """Title, unit, keys of the bounds: nominal, and in the worst case."""
+_OF_CANCELS = (ANGLE_MARGIN_CANCEL, *TORQUES_CANCEL, *(k for ks in COVERS_OF_CANCELS.values() for k in ks))
 _LEAST = ("clearance", CLEARANCE, ANGLE_MARGIN_CANCEL)  # bounds from below
 CANCELS = "contacts in cancels"
 """The name of the claim about cancels, where it is not proved."""
@@ -197,6 +204,9 @@ class Certificate:
         verdicts = [part.verdict for part in parts]
         names = dict.fromkeys(name for verdict in verdicts for name in verdict.bounds)
         bounds = {}
+        for name in _OF_CANCELS:  # objects may be held by some alone, but all may be cancelled
+            if not all(name in verdict.bounds for verdict in verdicts):
+                names.pop(name, None)
         for name in names:
             weakest = min if name in _LEAST else max
             bounds[name] = weakest(verdict.bounds[name] for verdict in verdicts if name in verdict.bounds)

@@ -1,10 +1,11 @@
 """Torques (of sliding joints: forces) of the drives within a tolerance, over intervals of time, from above.
 
 All joints are on time here, also after a cancel. Then a torque is a sum over bodies: a weight in an interval
-times what the body asks of the joint. That has a part proportional to the square of the speed factor, and one that is linear in
-gravity. The maximum over weights, speed factors, tilted gravity and a push at the gripper has a closed form
-that is convex in these parts. They are polynomials of s, and so means of their Bernstein coefficients: on the
-whole interval no torque is greater than the form's largest value at these. Plain data and NumPy only.
+times what the body asks of the joint. That has a part proportional to the square of the speed factor, and one
+that is linear in gravity. The maximum over weights, speed factors, tilted gravity and a push at the gripper
+has a closed form that is convex in these parts. They are polynomials of s, and so means of their Bernstein
+coefficients: on the whole interval no torque is greater than the form's largest value at these. Plain data
+and NumPy only.
 """
 
 from __future__ import annotations
