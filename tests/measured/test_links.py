@@ -15,7 +15,7 @@ from ocptip.measured.links import (
     mass_tolerance,
     parameter_names,
 )
-from ocptip.measured.parameters import link_parameters, pseudo_inertia
+from ocptip.measured.parameters import link_parameters, pseudo_of
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import Recording, Signal
 from ocptip.reserves.tipping import TipMap
@@ -105,7 +105,7 @@ def test_links_exist_and_predict_what_was_recorded(runs):
             exists(body) for body in zip(one.arm.masses, one.arm.centres, one.arm.inertias, strict=True)
         )
         for k in range(one.arm.links):
-            assert np.linalg.eigvalsh(pseudo_inertia(link_parameters(one.arm)[10 * k : 10 * k + 10]))[0] > 0
+            assert np.linalg.eigvalsh(pseudo_of(link_parameters(one.arm)[10 * k : 10 * k + 10]))[0] > 0
         times = np.linspace(0.05, own.motion.end - 0.05, 50)
         states = own.motion.states(times)
         real_loads, described_loads, loads = (

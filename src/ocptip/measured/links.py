@@ -4,7 +4,7 @@ Loads are linear in ten parameters of each link, but only some combinations of t
 base parameters, from a rank-revealing factorisation of the regressor at random states. They are estimated
 with their covariance, beside dry and viscous friction of each joint. Of all links with these base parameters
 those are taken that lie next to what was described and can exist: a cone program on their pseudo-inertias
-(see `parameters.pseudo_inertia`), weighted by the covariance.
+(see `numerics.inertia.pseudo_inertia`), weighted by the covariance.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from ocptip.measured.parameters import (
     on_sensor,
     parameters_of,
     process_loads,
-    pseudo_inertia,
+    pseudo_of,
     regressors,
 )
 from ocptip.measured.prediction import Predictor
@@ -345,7 +345,7 @@ def _condition(result: Estimate, p: int) -> float:
 
 
 def _exists(parameters: np.ndarray) -> bool:
-    pseudo = pseudo_inertia(parameters) / _scaled()
+    pseudo = pseudo_of(parameters) / _scaled()
     return bool(np.linalg.eigvalsh(pseudo)[0] >= _THIN * max(pseudo[3, 3], 1e-300))
 
 
@@ -423,5 +423,5 @@ def _program(
 
 def _cone(parameters: np.ndarray) -> np.ndarray:
     """(10,) triangle, as Clarabel takes it, of a pseudo-inertia that is to be positive definite."""
-    pseudo = pseudo_inertia(parameters) / _scaled()
+    pseudo = pseudo_of(parameters) / _scaled()
     return triangle(pseudo - _THIN * pseudo[3, 3] * np.eye(4))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.numerics.inertia import RigidBody, parallel_axis
+from ocptip.numerics.inertia import RigidBody, parallel_axis, pseudo_inertia
 from ocptip.numerics.vectors import skew
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import load_pinocchio
@@ -34,10 +34,15 @@ def body_of(parameters: np.ndarray) -> RigidBody:
     """The body of parameters (10,) with a mass."""
     mass = float(parameters[0])
     centre = parameters[1:4] / mass
+    return mass, centre, _about_origin(parameters) - parallel_axis(mass, centre)
+
+
+def _about_origin(parameters: np.ndarray) -> np.ndarray:
+    """(3, 3) the inertia among parameters (10,)."""
     about = np.empty((3, 3))
     for place, value in zip(_PLACES, parameters[4:], strict=True):
         about[place] = about[place[::-1]] = value
-    return mass, centre, about - parallel_axis(mass, centre)
+    return about
 
 
 def link_parameters(arm: ArmModel) -> np.ndarray:
@@ -102,20 +107,13 @@ def on_sensor(sensor: WrenchSensor, wrenches: np.ndarray) -> np.ndarray:
     return np.kron(np.eye(2), sensor.rotation.T) @ move @ wrenches
 
 
-def pseudo_inertia(parameters: np.ndarray) -> np.ndarray:
-    """(4, 4), positive definite for bodies that exist: [[sum m r r', sum m r], [., m]], r from the origin."""
-    about = np.empty((3, 3))
-    for place, value in zip(_PLACES, parameters[4:], strict=True):
-        about[place] = about[place[::-1]] = value
-    values = np.empty((4, 4))
-    values[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
-    values[:3, 3] = values[3, :3] = parameters[1:4]
-    values[3, 3] = parameters[0]
-    return values
+def pseudo_of(parameters: np.ndarray) -> np.ndarray:
+    """(4, 4) the pseudo-inertia of parameters (10,)."""
+    return pseudo_inertia(float(parameters[0]), parameters[1:4], _about_origin(parameters))
 
 
 def of_pseudo_inertia(pseudo: np.ndarray) -> np.ndarray:
-    """(10,) parameters of a pseudo-inertia (4, 4): the inverse of `pseudo_inertia`."""
+    """(10,) parameters of a pseudo-inertia (4, 4): the inverse of `pseudo_of`."""
     about = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
     return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], [about[place] for place in _PLACES]])
 
@@ -126,4 +124,4 @@ def moved_parameters(rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """
     move = np.eye(4)
     move[:3, :3], move[:3, 3] = rotation, origin
-    return np.array([of_pseudo_inertia(move @ pseudo_inertia(unit) @ move.T) for unit in np.eye(PER_BODY)]).T
+    return np.array([of_pseudo_inertia(move @ pseudo_of(unit) @ move.T) for unit in np.eye(PER_BODY)]).T

@@ -42,6 +42,18 @@ def parallel_axis(mass: float, lever: np.ndarray) -> np.ndarray:
     return mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
 
 
+def pseudo_inertia(mass: float, first_moment: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    """(4, 4) of a body by ten numbers in which everything is linear: [[sum m r r', sum m r], [., m]].
+
+    Positive definite for bodies that exist. First moment (3,) and inertia (3, 3) are those about the origin.
+    """
+    values = np.empty((4, 4))
+    values[:3, :3] = 0.5 * np.trace(inertia) * np.eye(3) - inertia
+    values[:3, 3] = values[3, :3] = first_moment
+    values[3, 3] = mass
+    return values
+
+
 def union(first: RigidBody, second: RigidBody) -> RigidBody:
     """The two bodies, of which one has mass, as one."""
     mass = first[0] + second[0]

@@ -26,7 +26,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones, triangle
-from ocptip.numerics.inertia import RigidBody, parallel_axis
+from ocptip.numerics.inertia import RigidBody, parallel_axis, pseudo_inertia
 from ocptip.robots.model import ArmModel
 
 _MARGIN = 1e-3  # least second moment of a link along any axis, over its mass, (0.1 m)^2
@@ -109,18 +109,9 @@ def _thin(body: RigidBody) -> bool:
     return mass > 0 and values[0] >= -size and values[2] <= values[0] + values[1] + size
 
 
-# A body by ten numbers in which everything is linear: the 4 x 4 matrix [[sum m r r', sum m r], [., m]] of its
-# mass distribution, which is positive definite for bodies that exist.
-
-
 def _pseudo(body: RigidBody) -> np.ndarray:
     mass, centre, inertia = body
-    about = inertia + parallel_axis(mass, centre)
-    values = np.empty((4, 4))
-    values[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
-    values[:3, 3] = values[3, :3] = mass * centre
-    values[3, 3] = mass
-    return values
+    return pseudo_inertia(mass, mass * centre, inertia + parallel_axis(mass, centre))
 
 
 def _body(pseudo: np.ndarray) -> RigidBody:
