@@ -6,8 +6,7 @@ from scipy.linalg import null_space
 
 from ocptip.reserves import fractional
 from ocptip.reserves.fractional import largest_usage, minimise_fraction
-from ocptip.reserves.minimax import forces_of
-from ocptip.reserves.optimality import ForceRange, RefinedPoint, refined
+from ocptip.reserves.optimality import ForceRange, RefinedPoint, forces_of, refined
 from tests.quick import examples
 
 

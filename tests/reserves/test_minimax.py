@@ -7,7 +7,8 @@ from scipy.linalg import null_space
 from scipy.optimize import linprog, minimize
 
 from ocptip.reserves import minimax
-from ocptip.reserves.minimax import ConeBatch, lengths, minimise_usage, solve_each
+from ocptip.reserves.minimax import ConeBatch, minimise_usage
+from ocptip.reserves.optimality import lengths, solve_each
 from tests.quick import examples
 
 

@@ -11,7 +11,8 @@ from ocptip.contact.resting import solve_resting
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Load, Support
 from ocptip.reserves import fractional, minimax
-from ocptip.reserves.minimax import ConeBatch, lengths
+from ocptip.reserves.minimax import ConeBatch
+from ocptip.reserves.optimality import lengths
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from studies.contact.random_supports import random_support, random_wrenches

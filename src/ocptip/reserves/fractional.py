@@ -30,8 +30,8 @@ import numpy as np
 
 from ocptip.numerics.vectors import distinct_rows
 from ocptip.reserves.coplanar import largest_growth
-from ocptip.reserves.minimax import ZERO_USAGE, ConeBatch, forces_of, lengths
-from ocptip.reserves.optimality import ForceRange, refined
+from ocptip.reserves.minimax import ZERO_USAGE, ConeBatch
+from ocptip.reserves.optimality import ForceRange, forces_of, lengths, refined
 
 NEGLIGIBLE_LIMIT = 1e-7
 """Limits below this, relative to the largest one, do not enter the usage: such contacts are unloaded."""

@@ -16,6 +16,7 @@ import clarabel
 import numpy as np
 
 from ocptip.numerics.cone_program import USABLE, columns_of, no_columns, quiet_settings
+from ocptip.reserves.optimality import ForceRange, forces_of, lengths, refined
 from ocptip.reserves.planar import planar_forces
 
 GAP_TOLERANCE = 1e-7
@@ -27,8 +28,6 @@ ZERO_USAGE = 1e-10
 _BALANCE = 1e-9  # largest error of the forces' balance, relative to the largest force
 _TOLERANCES = (1e-9, 1e-12)
 _GOOD_STATUS = (*USABLE, "InsufficientProgress")
-_POLISH_STEPS = 3
-_REGULARISATION = 1e-12
 
 
 class ConeBatch:
@@ -185,26 +184,9 @@ def _minimise_general(q: np.ndarray, Q: np.ndarray, limits: np.ndarray) -> Minim
     )
 
 
-def forces_of(Q: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Q_i z: (N, n, k) from Q (N, n, k, nz) and z (N, nz)."""
-    return np.einsum("sikz,sz->sik", Q, z)
-
-
-def weighted_gram(weights: np.ndarray, Q: np.ndarray) -> np.ndarray:
-    """sum_i weights_i Q_i'Q_i: (N, nz, nz) from weights (N, n) and Q (N, n, k, nz)."""
-    count, n, k, nz = Q.shape
-    flat = Q.reshape(count, n * k, nz)
-    return (flat * np.repeat(weights, k, axis=1)[:, :, None]).swapaxes(1, 2) @ flat
-
-
 def _against(Q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Q'v: (N, nz) from Q (N, n, k, nz) and v (N, n, k)."""
     return np.einsum("sikz,sik->sz", Q, v)
-
-
-def lengths(vectors: np.ndarray) -> np.ndarray:
-    """Euclidean lengths over the last axis."""
-    return np.sqrt(np.einsum("...k,...k->...", vectors, vectors))
 
 
 def _least_squares(u: np.ndarray, P: np.ndarray) -> Minimax:
@@ -254,51 +236,13 @@ def _with_bounds(
     return Minimax(usage, forces, pull, np.where(np.isfinite(gap), np.maximum(gap, 0.0), np.inf), status)
 
 
-def _polished(
-    u0: np.ndarray, P: np.ndarray, y: np.ndarray, pull: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Newton steps on the optimality conditions of the contacts with the largest usage: y, multipliers.
-
-    With u_i = u0_i + P_i y, active contacts have |u_i| = t; sum m_i P_i'u_i = 0 and t sum m_i = 1. The others
-    have m_i = 0. The multipliers are v_i = m_i u_i.
-    """
-    count, n, _ = u0.shape
-    nz = P.shape[3]
-    y = y.copy()
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        sizes, shares = lengths(u0 + forces_of(P, y)), lengths(pull)
-        t = np.max(sizes, axis=1)
-        shares = shares / np.sum(shares, axis=1, keepdims=True)
-        # Active is a contact whose multiplier is larger than its slack, both relative: at the optimum one is
-        # 0.
-        active = shares > 1.0 - sizes / t[:, None]
-        m = np.where(active, shares / t[:, None], 0.0)
-        matrix = np.zeros((count, nz + 1 + n, nz + 1 + n))
-        rhs = np.zeros((count, nz + 1 + n))
-        for _ in range(_POLISH_STEPS):
-            u = u0 + forces_of(P, y)
-            G = np.einsum("sikz,sik->siz", P, u) * active[:, :, None]
-            # Regularised, since redistributions that no active contact feels would make the matrix singular.
-            matrix[:, :nz, :nz] = weighted_gram(m, P) + _REGULARISATION * np.eye(nz)
-            matrix[:, nz, nz] = -np.sum(m, axis=1)
-            matrix[:, nz + 1 :, :nz], matrix[:, :nz, nz + 1 :] = G, G.swapaxes(1, 2)
-            matrix[:, nz + 1 :, nz] = matrix[:, nz, nz + 1 :] = -t[:, None] * active
-            matrix[:, nz + 1 :, nz + 1 :] = -np.where(active, _REGULARISATION, 1.0)[:, :, None] * np.eye(n)
-            rhs[:, :nz] = -np.einsum("si,siz->sz", m, G)
-            rhs[:, nz] = t * np.sum(m, axis=1) - 1.0
-            rhs[:, nz + 1 :] = np.where(active, t[:, None] ** 2 - np.einsum("sik,sik->si", u, u), 0.0) / 2
-            step = solve_each(matrix, rhs)
-            y, t, m = y + step[:, :nz], t + step[:, nz], m + step[:, nz + 1 :]
-        return y, np.maximum(m, 0.0)[:, :, None] * (u0 + forces_of(P, y))
-
-
-def solve_each(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
-    """Solutions (N, p) of the systems (N, p, p); NaN where one is singular or not finite."""
-    usable = np.all(np.isfinite(matrix), axis=(1, 2))
-    solution = np.full(rhs.shape, np.nan)
-    try:
-        solution[usable] = np.linalg.solve(matrix[usable], rhs[usable, :, None])[:, :, 0]
-    except np.linalg.LinAlgError:  # rarely
-        usable[usable] = np.linalg.slogdet(matrix[usable])[0] != 0
-        solution[usable] = np.linalg.solve(matrix[usable], rhs[usable, :, None])[:, :, 0]
-    return solution
+def _polished(u: np.ndarray, P: np.ndarray, y: np.ndarray, pull: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Newton steps on the optimality conditions: y, multipliers. No normal force is free here."""
+    none = np.zeros(u.shape[:2])
+    fixed = ForceRange(none, np.zeros((*none.shape, P.shape[3])), none + 1.0, none, none, none)
+    total = np.sum(lengths(pull), axis=1)
+    with np.errstate(invalid="ignore"):
+        pull = pull / np.where(total > 0, total, np.nan)[:, None, None]
+    usage = np.max(lengths(u + forces_of(P, y)), axis=1)
+    point = refined(u, P, fixed, y, usage, pull, none)
+    return point.z, point.pull

@@ -1,8 +1,8 @@
-"""Optimality conditions of the full redistribution and Newton steps on them.
+"""Optimality conditions of redistributions and Newton steps on them.
 
-The cone programs of `fractional` give a point and multipliers to some eight digits. From there, with the
-active contacts known, the conditions are a square system whose solution is exact to rounding, and whose signs
-prove the optimum: for fixed t the cone program is convex, so that its conditions suffice.
+The cone programs of `fractional` and `minimax` give a point and multipliers to some eight digits. From there,
+with the active contacts known, the conditions are a square system whose solution is exact to rounding, and
+whose signs prove the optimum: for fixed t the cone program is convex, so that its conditions suffice.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
-from ocptip.reserves.minimax import forces_of, lengths, solve_each, weighted_gram
 
 _STEPS = 4
 _REGULARISATION = 1e-13
@@ -217,3 +215,32 @@ def _signs_hold(
     within = lengths(T) <= t[:, None] * limits + _EXACT
     signs = (w >= -_EXACT) & (~active.pinned[:, :, 0] | (outwards <= _EXACT))
     return np.all(inside & within & signs, axis=1)
+
+
+def forces_of(Q: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Q_i z: (N, n, k) from Q (N, n, k, nz) and z (N, nz)."""
+    return np.einsum("sikz,sz->sik", Q, z)
+
+
+def weighted_gram(weights: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """sum_i weights_i Q_i'Q_i: (N, nz, nz) from weights (N, n) and Q (N, n, k, nz)."""
+    count, n, k, nz = Q.shape
+    flat = Q.reshape(count, n * k, nz)
+    return (flat * np.repeat(weights, k, axis=1)[:, :, None]).swapaxes(1, 2) @ flat
+
+
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """Euclidean lengths over the last axis."""
+    return np.sqrt(np.einsum("...k,...k->...", vectors, vectors))
+
+
+def solve_each(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
+    """Solutions (N, p) of the systems (N, p, p); NaN where one is singular or not finite."""
+    usable = np.all(np.isfinite(matrix), axis=(1, 2))
+    solution = np.full(rhs.shape, np.nan)
+    try:
+        solution[usable] = np.linalg.solve(matrix[usable], rhs[usable, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:  # rarely
+        usable[usable] = np.linalg.slogdet(matrix[usable])[0] != 0
+        solution[usable] = np.linalg.solve(matrix[usable], rhs[usable, :, None])[:, :, 0]
+    return solution

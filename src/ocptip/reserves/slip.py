@@ -23,8 +23,8 @@ from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import LOAD_TOLERANCE, ForceSets, FreeForces, force_scale, force_units
 from ocptip.reserves.fractional import NEGLIGIBLE_LIMIT, minimise_fraction
-from ocptip.reserves.minimax import GAP_TOLERANCE, ZERO_USAGE, forces_of, lengths, minimise_usage
-from ocptip.reserves.optimality import ForceRange
+from ocptip.reserves.minimax import GAP_TOLERANCE, ZERO_USAGE, minimise_usage
+from ocptip.reserves.optimality import ForceRange, forces_of, lengths
 from ocptip.reserves.planar import usage_map
 from ocptip.reserves.wheel_forces import WheelForces
 from ocptip.reserves.wrench_cone import ConeMap, wrench_half_spaces
