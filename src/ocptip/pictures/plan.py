@@ -19,7 +19,7 @@ from ocptip.motion.margins import MotionMargin
 from ocptip.motion.summary import TITLES, at_text
 from ocptip.pictures import style
 from ocptip.pictures.elastic import feet_figure, gears_figure
-from ocptip.pictures.frame import hull, new_figure, save_figures
+from ocptip.pictures.frame import hull, new_figure, place_panels, save_figures
 from ocptip.pictures.plan_curves import PlanCurves, draw_clearance
 from ocptip.pictures.sketch import draw_postures
 from ocptip.pictures.style import Quantity
@@ -82,12 +82,12 @@ def _figures(plan: MotionPlan, samples: MotionSamples | None) -> dict[str, Calla
 def _motion(curves: PlanCurves) -> Figure:
     """Postures, angles, speeds, clearance."""
     count = 4 if curves.has_tcp else 3
-    figure, top, panels = _begin(curves, "what the robot does", count)
     robot, end = curves.plan.task.robot, curves.plan.motion.end
     row = curves.margins.get(kinds.TIPPING)
     moments = [("start", 0.0), ("goal", end)]
     if row and row.nominal and row.nominal.time is not None and _SAME < row.nominal.time < end - _SAME:
         moments.insert(1, (f"minimum tipping margin, {row.nominal.time:.3f} s", row.nominal.time))
+    figure, top, panels = _begin(curves, "what the robot does", len(moments), count)
     _postures(top, curves, moments)
     _angles(panels[0], curves)
     limits, units = robot.limits.speed, ([f"{unit}/s" for unit in curves.units], curves.scales)
@@ -99,27 +99,27 @@ def _motion(curves: PlanCurves) -> Figure:
         )
         _finish(panels[2], curves, f"Speed of the TCP: at most {speed.max():.3g} m/s", quantity.label)
     _clearance(panels[-1], curves)
-    return _end(figure, curves, panels[-1:])
+    return _end(figure, curves, panels, top)
 
 
 def _ground(curves: PlanCurves) -> Figure:
     """Where the load is on the feet; tipping margin, friction used, foot forces."""
-    figure, top, panels = _begin(curves, "what the ground feels", 3)
+    figure, top, panels = _begin(curves, "what the ground feels", 2, 3)
     row = curves.margins.get(kinds.TIPPING)
     worst = row.nominal if row else None
     time = 0.0 if worst is None or worst.time is None else min(max(worst.time, 0.0), curves.plan.motion.end)
     moments = [("start" if worst is None else f"minimum tipping margin, {time:.3f} s", time)]
-    _, above = _postures(top, curves, moments, more=1, feet=True, axis=worst.contacts if worst else ())
-    _support(above, curves)
+    _postures(top[:1], curves, moments, feet=True, axis=worst.contacts if worst else ())
+    _support(top[1], curves)
     _tipping(panels[0], curves)
     _friction(panels[1], curves)
     _foot_forces(panels[2], curves)
-    return _end(figure, curves, panels[-1:])
+    return _end(figure, curves, panels, top)
 
 
 def _drives(curves: PlanCurves) -> Figure:
     """Torques as shares of their limits, power and energy."""
-    figure, top, panels = _begin(curves, "what the drives do", 3)
+    figure, top, panels = _begin(curves, "what the drives do", 1, 3)
     row = curves.margins.get(kinds.TORQUE)
     time = 0.0 if row is None or row.nominal is None or row.nominal.time is None else row.nominal.time
     time = min(max(time, 0.0), curves.plan.motion.end)
@@ -140,7 +140,7 @@ def _drives(curves: PlanCurves) -> Figure:
         line_style = {"color": style.ENERGY.color, **style.REFERENCE}
         panels[2].plot(curves.reference.times, other, **line_style, label=name, gid="energy-reference")
     _finish(panels[2], curves, "Electric energy since the start", style.ENERGY.label)
-    return _end(figure, curves, panels[-1:])
+    return _end(figure, curves, panels, top)
 
 
 FIGURES: dict[str, Callable[[PlanCurves], Figure]] = {
@@ -317,41 +317,38 @@ def _support(ax: Any, curves: PlanCurves) -> None:
 # --- parts of panels ----------------------------------------------------------------------------------------
 
 
-def _begin(curves: PlanCurves, what: str, count: int) -> tuple[Figure, Any, list[Any]]:
-    """A figure with room for sketches, and panels (count) over one time axis."""
-    figure = new_figure(_WIDTH, 0.9 + _SKETCHES + _PANEL * count)
+def _begin(curves: PlanCurves, what: str, above: int, count: int) -> tuple[Figure, list[Any], list[Any]]:
+    """A figure with places for sketches, and below them panels (count) over one time axis."""
+    figure = new_figure(_WIDTH, 0.9 + _SKETCHES + _PANEL * count, layout=False)
     style.head(figure, f"{curves.motion_text}: {what}", curves.plan.check.headline)
-    parts: Any = figure.subfigures(2, 1, height_ratios=(_SKETCHES, _PANEL * count))
-    top, below = parts
-    return figure, top, list(below.subplots(count, 1, squeeze=False, sharex=True)[:, 0])
+    top = list(figure.subplots(1, above, squeeze=False)[0])
+    return figure, top, list(figure.subplots(count, 1, squeeze=False, sharex=True)[:, 0])
 
 
-def _postures(
-    top: Any, curves: PlanCurves, moments: list[tuple[str, float]], more: int = 0, **what: Any
-) -> list[Any]:
-    """Sketches of the postures at times, s, with titles, and more panels beside them."""
-    panels = list(top.subplots(1, len(moments) + more, squeeze=False)[0])
+def _postures(panels: list[Any], curves: PlanCurves, moments: list[tuple[str, float]], **what: Any) -> None:
+    """Sketches of the postures at times, s, with titles."""
     motion = curves.plan.motion
     angles = motion.states(np.array([time for _, time in moments]))[0]
     postures = [(title, q) for (title, _), q in zip(moments, angles, strict=True)]
     path = curves.tcp if curves.has_tcp else None
     forces = [curves.forces_at(time) for _, time in moments]
-    draw_postures(panels[: len(moments)], curves.plan.task.robot, postures, path=path, forces=forces, **what)
-    return panels
+    draw_postures(panels, curves.plan.task.robot, postures, path=path, forces=forces, **what)
 
 
-def _end(figure: Figure, curves: PlanCurves, last: Any) -> Figure:
-    """Time axes that end with the motion, or with the reference where that is drawn and longer."""
+def _end(figure: Figure, curves: PlanCurves, panels: list[Any], top: list[Any]) -> Figure:
+    """Time axes that end with the motion, or with the reference where that is drawn and longer; all in
+    their places.
+    """
     gids = [line.get_gid() or "" for ax in figure.axes for line in ax.lines]
     end = max(curves.plan.motion.end, curves.samples.times[-1])
     if curves.reference is not None and any(gid.endswith("-reference") for gid in gids):
         end = max(end, curves.plan.task.reference.end)
-    for ax in last:
-        ax.set_xlabel("time [s]")
-        ax.set_xlim(0.0, end or 1.0)
+    panels[-1].set_xlabel("time [s]")
+    panels[-1].set_xlim(0.0, end or 1.0)
     notes = ["green arrows: contact forces"]
     notes += [text for ending, text in _MARKS.items() if any(gid.endswith(ending) for gid in gids)]
     style.note(figure, "; ".join([*notes, *([_EVENTS] if len(curves.events) else [])]))
+    place_panels(top, _SKETCHES, panels)
     return figure
 
 

@@ -91,7 +91,7 @@ def draw_postures(
         ax.set_aspect("equal")
         ax.set_axis_off()
         ax.set_gid(SKETCH)
-        ax.set_title(title, fontsize=9.5)
+        ax.set_title(title, fontsize=9.5, y=1.0)
     _scale(panels[0], low, high, margin)
 
 

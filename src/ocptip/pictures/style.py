@@ -78,7 +78,7 @@ def member(number: int) -> dict[str, Any]:
 
 def finish(ax: Any, title: str, label: str, across: str = "") -> None:
     """Title, labels with units, grid, and beside the panel a legend of what is drawn."""
-    ax.set_title(title, loc="left", fontsize=10.5)
+    ax.set_title(title, loc="left", fontsize=10.5, y=1.0)  # given, or Matplotlib measures labels to find it
     ax.set_ylabel(label)
     if across:
         ax.set_xlabel(across)
