@@ -139,8 +139,10 @@ def test_tapes_that_run_often_become_machine_code(monkeypatch, tmp_path):
     quick[0].unlink()
     assert other.native(None) is None
     assert other.native(1) is not None
+    machine.keep_code(b"in use", b"code")
     for k in range(machine.KEPT + 5):
         machine.keep_code(bytes(k), b"code")
+        assert machine.kept_code(b"in use") == b"code"
     assert len(list(file.parent.iterdir())) == machine.KEPT
 
 

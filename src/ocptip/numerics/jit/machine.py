@@ -54,11 +54,15 @@ def kept_code(key: bytes) -> bytes | None:
     path = _path(key)
     text = (path and read_private(path)) or b""
     digest, code = text[:32], text[32:]
-    return code if code and hashlib.sha256(code).digest() == digest else None
+    if path is None or not code or hashlib.sha256(code).digest() != digest:
+        return None
+    with contextlib.suppress(OSError):
+        os.utime(path)
+    return code
 
 
 def keep_code(key: bytes, code: bytes) -> None:
-    """Put the code where a later process finds it, whole or not at all; the oldest files make room."""
+    """Put the code where a later process finds it, whole or not at all; those long unread make room."""
     if (path := _path(key)) is None:
         return
     with contextlib.suppress(OSError):
