@@ -21,6 +21,16 @@ def test_made_again_of_the_same(again):
         assert (other.watts, other.colour, other.light()) == (5, "red", 5)
 
 
+def test_what_a_process_has_is_not_made_twice():
+    lamp = Lamp(5)
+    pickled = pickle.dumps(lamp)
+    assert pickle.loads(pickled) is lamp
+    del lamp
+    other = pickle.loads(pickled)
+    assert other.watts == 5
+    assert pickle.loads(pickle.dumps([other, other])) == [other, other]
+
+
 def test_varied_in_one_argument():
     lamp = Lamp(5, colour="red").varied(watts=7)
     assert (lamp.watts, lamp.colour, lamp.light()) == (7, "red", 7)

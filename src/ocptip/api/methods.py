@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
-from typing import Literal, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -301,8 +301,9 @@ def executed(
     rate: float | None,
     rise_time: float | None,
     budget: TimeBudget,
+    begin: Callable[..., Callable[[], Any]] = partial,
 ) -> list[Execution]:
-    """What runs each segment, without a proof; see `proved_runs`."""
+    """What runs each segment, without a proof; see `proved_runs`. `begin` is as of `calls_begun`."""
     step, executions = None if rate is None else 1 / rate, list[Execution]()
     for part in planned.parts:
         robot, motion, limits = part.task.robot, part.motion, part.task.limits
@@ -311,7 +312,7 @@ def executed(
             motion = motion.with_rise_times(np.maximum(motion.rise_times or 0.0, least))
         along_path = motion.timing is not None  # no drive runs that as it is
         if controller == "ramps" and not along_path:
-            run = Execution.of_drives(robot, motion, limits, part.check, budget)
+            run = Execution.of_drives(robot, motion, limits, part.check, budget, begin)
         else:
             runner = cast(Controller, "cubic" if controller == "ramps" else controller)
             first = SLOWER_ALONG_PATH if along_path else 1.0

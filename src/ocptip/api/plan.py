@@ -38,6 +38,7 @@ from ocptip.motion.stops.check import (
 from ocptip.motion.task import MotionTask
 from ocptip.motion.violations import sentence, stated
 from ocptip.numerics.time_limit import TimeBudget
+from ocptip.numerics.workers import processes
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -149,7 +150,6 @@ def plan(
         raise InputError("sensitivities: not for cycles")
     if (alone := base_alone(task)) and stage:
         stage(f"{alone}: perhaps there is no plan ...")
-    how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": executor}
     budget, search = (TimeBudget(limit) for limit in _limits(seconds))
     if controller == "quintic":
         if method in ALONG_PATH:
@@ -157,43 +157,47 @@ def plan(
                 "method: motions along a path have acceleration steps, which quintics cannot run"
             )
         method = "direct"
-    try:
-        direct = partial(plan_motion, task, progress=progress, **how)
-        if task.is_cycle:
-            direct = partial(direct, segment=of_segments(method, seed, stage or silent), budget=search)
-        planned = searched(task, method, budget, search, direct, seed, stage or silent)
-    except PlanningError as error:
-        other = None if task.is_cycle else _without_stops(task, how, budget)
-        refusal = NoPlanError("; ".join(filter(None, (f"{error}", alone))), task, other)
-        if any(segment.task.limits.cancel is not None for segment in task.segments):
-            (stage or silent)("finding which cancels a slow motion allows ...")
-            refusal.cancels = _cancels(task, budget)
-        if isinstance(error, ToleranceError) and largest_uncertainty:
-            largest = partial(_largest, cast(MotionTask, task), error, how, stage)
-            refusal.largest = budget.within(largest, None)
-        raise refusal from error
-    except InputError:
-        asked = largest_uncertainty and not task.is_cycle
-        error = too_much_at_rest(cast(MotionTask, task)) if asked else None
-        if error is None:
-            raise
-        refusal = NoPlanError(f"{error}", task)
-        refusal.largest = _largest(cast(MotionTask, task), error, how, stage)
-        raise refusal from error
-    except KeyboardInterrupt:
-        what = "a segment had" if task.is_cycle else "there was"
-        raise KeyboardInterrupt(f"before {what} a verified plan") from None
-    along_path = planned.options.get("method") == "path"
-    known = {"controller": controller, "rate": rate, "rise_time": rise_time, "time_scale": time_scale}
-    smooth = along_path and (method == "smooth" or (method is None and budget.given))
-    known |= {"jobs": jobs, "executor": executor, "sensitivities": sensitivities, "stage": stage}
-    result = Plan.of(planned, **known, budget=budget, smooth=smooth)
-    if along_path or not any(one.task.limits.stoppable for one in task.segments):
-        return result
-    if stage:
-        stage("planning without stops, to compare the cost ...")
-    price = price_of_stops(planned, _without_stops(task, how, budget))
-    return replace(result, price=price, left_out=tuple(budget.left_out))
+    with processes(executor, 1 if budget.given else jobs, max(starts, 2)) as pool:
+        how = {"starts": starts, "seed": seed, "jobs": jobs, "executor": pool}
+        try:
+            direct = partial(plan_motion, task, progress=progress, **how)
+            if task.is_cycle:
+                direct = partial(direct, segment=of_segments(method, seed, stage or silent), budget=search)
+            planned = searched(task, method, budget, search, direct, seed, stage or silent)
+        except PlanningError as error:
+            other = None if task.is_cycle else _without_stops(task, how, budget)
+            refusal = NoPlanError("; ".join(filter(None, (f"{error}", alone))), task, other)
+            if any(segment.task.limits.cancel is not None for segment in task.segments):
+                (stage or silent)("finding which cancels a slow motion allows ...")
+                refusal.cancels = _cancels(task, budget)
+            if isinstance(error, ToleranceError) and largest_uncertainty:
+                largest = partial(_largest, cast(MotionTask, task), error, how, stage)
+                refusal.largest = budget.within(largest, None)
+            raise refusal from error
+        except InputError:
+            asked = largest_uncertainty and not task.is_cycle
+            error = too_much_at_rest(cast(MotionTask, task)) if asked else None
+            if error is None:
+                raise
+            refusal = NoPlanError(f"{error}", task)
+            refusal.largest = _largest(cast(MotionTask, task), error, how, stage)
+            raise refusal from error
+        except KeyboardInterrupt:
+            what = "a segment had" if task.is_cycle else "there was"
+            raise KeyboardInterrupt(f"before {what} a verified plan") from None
+        along_path = planned.options.get("method") == "path"
+        known = {"controller": controller, "rate": rate, "rise_time": rise_time, "time_scale": time_scale}
+        smooth = along_path and (method == "smooth" or (method is None and budget.given))
+        if planned.interrupted and pool is not executor:
+            pool = None  # its processes may be busy with what the interrupt left
+        known |= {"jobs": jobs, "executor": pool, "sensitivities": sensitivities, "stage": stage}
+        result = Plan.of(planned, **known, budget=budget, smooth=smooth)
+        if along_path or not any(one.task.limits.stoppable for one in task.segments):
+            return result
+        if stage:
+            stage("planning without stops, to compare the cost ...")
+        price = price_of_stops(planned, _without_stops(task, how, budget))
+        return replace(result, price=price, left_out=tuple(budget.left_out))
 
 
 def _limits(seconds: float | None) -> tuple[float | None, float | None]:

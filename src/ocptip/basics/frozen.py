@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from inspect import signature
 from typing import Any, Self
+from uuid import UUID, uuid4
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -25,6 +28,7 @@ class MadeOf:
     """Base of classes whose objects hold what cannot be pickled, such as CasADi's functions."""
 
     _arguments: dict[str, Any]
+    _known_as: UUID | None = None
 
     def __new__(cls, *args: Any, **kwargs: Any) -> Self:
         """An object that knows its arguments by name."""
@@ -42,5 +46,18 @@ class MadeOf:
         return self._arguments.get(name)
 
     def __reduce__(self) -> tuple:
-        """The call that makes an equal object, for pickle."""
-        return partial(type(self), **self._arguments), ()
+        """The call that gives this object in its process, in others an equal one, for pickle."""
+        self._known_as = self._known_as or uuid4()
+        _alive[self._known_as] = self
+        return _made, (self._known_as, partial(type(self), **self._arguments))
+
+
+_alive = WeakValueDictionary[UUID, MadeOf]()
+
+
+def _made(known_as: UUID, make: Callable[[], MadeOf]) -> MadeOf:
+    """The object that this process has by this name, with what it has built since, or a new one."""
+    if (made := _alive.get(known_as)) is None:
+        made = _alive[known_as] = make()
+        made._known_as = known_as
+    return made

@@ -24,7 +24,10 @@ except ImportError:  # Windows
 
 YES, NO, BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 0, 1, 2, 3, 130
 DEBUG = "OCPTIP_DEBUG"
-FOR_PLANS = ("ocptip.motion.plan", "ocptip.certificate.checks", "ocptip.motion.planner.kernels")
+FOR_PLANS = (
+    *("ocptip.motion.plan", "ocptip.certificate.checks", "ocptip.motion.planner.kernels"),
+    *("scipy.spatial", "clarabel"),  # each process would load them on its first check
+)
 """Modules that are loaded by processes which plan."""
 stops: list[tuple[int, float]] = []
 """Signals that asked this process to stop."""

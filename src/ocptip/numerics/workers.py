@@ -55,6 +55,24 @@ def worker_pool(
 
 
 @contextmanager
+def processes(executor: Executor | None, jobs: int | None, calls: int) -> Iterator[Executor | None]:
+    """The caller's executor, left open, else processes for several searches and checks; arguments are as of
+    `worker_pool`.
+
+    They keep what they have built and loaded. What nobody has asked for ends with the block. None: with one
+    job all is done in this process.
+    """
+    if executor is not None or (jobs or cores()) == 1:
+        yield executor
+        return
+    pool = Workers(min(jobs or cores(), calls))
+    try:
+        yield pool
+    finally:
+        pool.end()
+
+
+@contextmanager
 def calls_begun(
     executor: Executor | None, jobs: int | None, calls: int
 ) -> Iterator[Callable[..., Callable[[], Any]]]:
@@ -62,13 +80,11 @@ def calls_begun(
 
     With one job the call is made in this process, when its result is asked for.
     """
-    if executor is None and (jobs or cores()) == 1:
-        yield partial
-        return
-    with worker_pool(executor, jobs, calls) as pool:
-        yield lambda function, *arguments: pool.submit(function, *arguments).result
-        if isinstance(pool, Workers):
-            pool.end()  # what nobody has asked for
+    with processes(executor, jobs, calls) as pool:
+        if pool is None:
+            yield partial
+        else:
+            yield lambda function, *arguments: pool.submit(function, *arguments).result
 
 
 class Workers(Executor):

@@ -106,11 +106,12 @@ class Plan(CheckedMotion):
             smooth: smooth the path of a plan along one, and take the better of both motions.
         """
         say, budget = stage or silent, budget or TimeBudget(None)
-        run = partial(executed, controller=controller, rate=rate, rise_time=rise_time, budget=budget)
+        known = {"controller": controller, "rate": rate, "rise_time": rise_time, "budget": budget}
         how = {"time_scale": time_scale, "sensitivities": sensitivities, "say": say, "budget": budget}
         with calls_begun(executor, 1 if budget.given else jobs, len(planned.parts) + 1) as begin:
             waiting = _proofs_begun(planned, begin)
             say("checking what is run ...")
+            run = partial(executed, **known, begin=begin)
             executions = run(planned)
             if smooth:
                 say("proving it, then smoothing the path ...")
@@ -127,15 +128,15 @@ class Plan(CheckedMotion):
             if any(one.energy != other.energy for one, other in pairs):  # proofs asked for another motion
                 planned = planned.with_parts(proofs)
                 result = cls._checked(planned, run(planned), begin, **how)
-            known = [
+            proved = [
                 replace(one, check=replace(one.check, certificate=part.check.certificate))
                 if one.controller == "ramps" and one.check.certificate is None
                 else one
                 for one, part in zip(result.executions, proofs or planned.parts, strict=True)
             ]
             planned = planned.with_parts(proofs or planned.parts)
-            executions = proved_runs(planned, known, budget)
-            if any(one.slower != other.slower for one, other in zip(executions, known, strict=True)):
+            executions = proved_runs(planned, proved, budget)
+            if any(one.slower != other.slower for one, other in zip(executions, proved, strict=True)):
                 result = cls._checked(planned, executions, begin, **how)
         checked = cycle_check(planned.finished, result.motion, [one.check for one in executions])
         left_out = tuple(budget.left_out)
@@ -157,7 +158,7 @@ class Plan(CheckedMotion):
     ) -> Plan:
         """All about a plan but proofs of what is run; `begin` as of `calls_begun`."""
         task, motion = planned.finished, run_by(planned, executions)
-        safe_cancels = begin(cancels_by_segment, task, motion)
+        safe_cancels, robust = begin(cancels_by_segment, task, motion), begin(robustness, task, motion)
         checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
         executions = [
             replace(run, check=segment_check)
@@ -168,7 +169,7 @@ class Plan(CheckedMotion):
         if any(segment.task.limits.stoppable for segment in task.segments):
             stops = budget.within(partial(stops_by_segment, task, motion, checked), stops, STOPS)
         say("finding which deviations lose no contact ...")
-        robust = budget.within(partial(robustness, task, motion), (), "robustness")
+        robust = budget.within(robust, (), "robustness")
         scaled = budget.within(
             lambda: tuple((f, check_cycle(task, planned.motion.time_scaled(f))) for f in time_scale),
             (),

@@ -60,6 +60,7 @@ class Execution:
         limits: Limits,
         check: MotionCheck,
         budget: TimeBudget | None = None,
+        begin: Callable[..., Callable[[], Any]] = partial,
     ) -> Execution:
         """Execution by drives that take commands, whose check is known; the points are for controllers that
         run them exactly.
@@ -72,10 +73,11 @@ class Execution:
             robot, motion, limits: as for `check_motion`.
             check: of the motion.
             budget: of time; without enough the points are written unchecked.
+            begin: begins a call, and gives what waits for its result.
         """
         controller: Controller = "quintic" if motion.rise_times and all(motion.rise_times) else "cubic"
         slowest = SLOWEST if check.verified else 1.0
-        compute = partial(execute, robot, motion, limits, controller, slowest=slowest)
+        compute = begin(partial(execute, slowest=slowest), robot, motion, limits, controller)
         share = 0.5 if limits.stoppable else 1.0  # the checks of stops follow
         unchecked = "check of the points in trajectory.json"
         written = (budget or TimeBudget(None)).within(compute, None, unchecked, share)

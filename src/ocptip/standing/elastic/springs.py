@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
+import scipy  # subpackages load on first use
 
 from ocptip.contact.elastic import ElasticFeet
 from ocptip.numerics.threads import one_thread
@@ -220,7 +220,9 @@ class Simulation:
         if elastic is not None:
             self._start_pressing = elastic.share(ride.start_load[None, :6]).pressing[0].copy()
         if len(gears):
-            squares = eigh(self.stiffness(), ride.start_inertia[np.ix_(free, free)], eigvals_only=True)
+            squares = scipy.linalg.eigh(
+                self.stiffness(), ride.start_inertia[np.ix_(free, free)], eigvals_only=True
+            )
             self._highest = max(self._highest, float(np.sqrt(squares[-1])) / (2 * np.pi))
         self._every = self._systems(slice(None), self._pressing, np.zeros((n, 3)))
         down = np.concatenate([self._W[:, :, 0], self._W[:, :, 0] * self._delays], axis=0)

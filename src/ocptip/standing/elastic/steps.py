@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import factorial
 
 import numpy as np
-from scipy.linalg import eigh
+import scipy  # subpackages load on first use
 
 from ocptip.contact.elastic import ElasticFeet
 
@@ -145,7 +145,7 @@ class Modes:
     @classmethod
     def of(cls, elastic: ElasticFeet, inertia: np.ndarray) -> Modes:
         """With the inertia (6, 6) at the start."""
-        squares = eigh(elastic.matrix(), inertia, eigvals_only=True)
+        squares = scipy.linalg.eigh(elastic.matrix(), inertia, eigvals_only=True)
         moving = squares[squares > 1e-9 * squares[-1]]
         low, high = np.sqrt(moving[0]), np.sqrt(moving[-1])
         delays = np.array([spring.delay + 2 * spring.ratio / low for spring in elastic.springs])
