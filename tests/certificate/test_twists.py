@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from ocptip.certificate.trusted.twists import Limits, Twists
+from ocptip.certificate.trusted.twists import FrictionLimits, Twists
 from tests.quick import some
 
 
@@ -51,7 +51,7 @@ def _least_share(grasp, wrench, limits):
 def _room(grasp, wrench, limits, half):
     """With limits that do not depend on the wrench, known exactly but for a box round it."""
     m = len(limits)
-    own = Limits(np.zeros((1, m, 6)), np.tile(limits, (2, 1, 1)), np.zeros((1, m)))
+    own = FrictionLimits(np.zeros((1, m, 6)), np.tile(limits, (2, 1, 1)), np.zeros((1, m)))
     twists = Twists(grasp, 1e-16 * np.abs(grasp), wrench[:, None], np.full((6, 1), half), own)
 
     def least(rows, h, ends, closely):

@@ -16,7 +16,7 @@ from ocptip.certificate.trusted.contacts import Contacts, patterns
 from ocptip.certificate.trusted.forms import U, known
 from ocptip.certificate.trusted.late import Late, Rows
 from ocptip.certificate.trusted.terms import Terms
-from ocptip.certificate.trusted.twists import Limits, Twists
+from ocptip.certificate.trusted.twists import FrictionLimits, Twists
 from ocptip.certificate.trusted.within import Within
 
 FACETS = (8, 48)  # of cones: few first, more where these are not enough
@@ -151,7 +151,7 @@ class Sharing:
                 + 8 * U * (np.abs(h) @ kept_terms.size.T[:, :, None])[..., 0]
                 + 8 * U * np.abs(normal).max(axis=0)
             )
-            limits = Limits(
+            limits = FrictionLimits(
                 -slope[:, :, None] * h,
                 radius[going] + slope * normal,
                 np.abs(slope) * error + 8 * U * np.abs(radius[going]),
@@ -161,7 +161,7 @@ class Sharing:
                 slack[here[going]] = -np.inf
                 continue
             kept, columns = rough[pattern], np.repeat(pattern & rough, 3)
-            limits = Limits(limits.rule[:, kept], limits.constant[..., kept], limits.error[:, kept])
+            limits = FrictionLimits(limits.rule[:, kept], limits.constant[..., kept], limits.error[:, kept])
             grasp, rounded = self.contacts.grasp[:, columns], self.contacts.rounded[:, columns]
             twists = Twists(grasp, rounded, kept_terms.centre, kept_terms.half, limits)
             result = twists.slack(

@@ -62,7 +62,7 @@ _QUARTERS = 0.5 * np.array(  # corners of quarters of a triangle: (4, 3, 3) of i
 
 
 @dataclass(frozen=True)
-class Limits:
+class FrictionLimits:
     """Friction limits of m contacts, N, in R rows: functionals of the wrench.
 
     Attributes:
@@ -87,7 +87,12 @@ class Twists:
     """
 
     def __init__(
-        self, grasp: np.ndarray, rounded: np.ndarray, middle: np.ndarray, half: np.ndarray, limits: Limits
+        self,
+        grasp: np.ndarray,
+        rounded: np.ndarray,
+        middle: np.ndarray,
+        half: np.ndarray,
+        limits: FrictionLimits,
     ) -> None:
         tangential = np.delete(grasp, np.s_[::3], axis=1)
         basis = np.zeros((6, 3))  # two translations, and the rotation about the plane's normal
