@@ -16,18 +16,18 @@ from typing import Any, ClassVar
 import numpy as np
 
 from ocptip.contact.bindings.binding import Binding
-from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Load, Support
 from ocptip.numerics.inertia import union
 from ocptip.numerics.threads import one_thread
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.reserves.friction_needed import FrictionDemand
-from ocptip.reserves.tipping import TipOverReserve, moment_at
+from ocptip.reserves.tipping import moment_at
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.footing import Footing
+from ocptip.standing.instants import Loaded
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.standing.within.rest import SEARCHED, CaseWithin, scene_case
@@ -129,34 +129,20 @@ class Sensitivity:
         return {**{name: getattr(self, name) for name in names}, **parts, "slopes_per_unit": slopes}
 
 
-@dataclass(frozen=True, eq=False)
-class _Stand:
+class _Stand(Loaded):
     """A base on its contacts under N wrenches, (N, 6) or planar (N, 3)."""
-
-    footing: Footing
-    wrenches: np.ndarray
-
-    @property
-    def support(self) -> Support:
-        return self.footing.support
-
-    @property
-    def states(self) -> ContactStates:
-        return self.footing.contact_states(self.wrenches)
 
     @cached_property
     def values(self) -> np.ndarray:
         """(N, 4): GN, GT, minus the minimum normal and tipping margins, so that the maxima are the worst."""
-        states = self.states
-        tip = self.footing.tip_over.evaluate(states)
-        GT = self.footing.slip.evaluate(states, derivatives=False).GT
-        forces, moments = self._foot_forces(tip), np.min(tip.margins, axis=1, initial=np.inf)
-        return np.column_stack([tip.GN, GT, -np.min(forces, axis=1), -moments])
+        moments = np.min(self.tip.margins, axis=1, initial=np.inf)
+        return np.column_stack([self.tip.GN, self.slip.GT, -np.min(self._foot_forces, axis=1), -moments])
 
-    def _foot_forces(self, tip: TipOverReserve) -> np.ndarray:
+    @property
+    def _foot_forces(self) -> np.ndarray:
         """(N, n) distances of the normal forces from the end at which a contact lets go, N."""
-        shares = equal_normal_map(self.support)
-        return tip.normal_reserves if shares is None else self.wrenches @ shares.T
+        shares = equal_normal_map(self.footing.support)
+        return self.tip.normal_reserves if shares is None else self.wrenches @ shares.T
 
     @property
     def worst(self) -> Reserves:
@@ -165,13 +151,13 @@ class _Stand:
         row, (GN, GT, lost, moment) = int(np.argmax(values[:, 1])), np.max(values, axis=0)
         factor = float(GT)
         if 1 < GT < np.inf:
-            factor = FrictionDemand.of(self.support, self.wrenches[row]).factor
+            factor = FrictionDemand.of(self.footing.support, self.wrenches[row]).factor
         margin = 0.0 - float(moment) if np.isfinite(moment) else np.nan
         return Reserves(float(GN), float(GT), 0.0 - float(lost), margin, factor)
 
     def at(self, rows: np.ndarray) -> _Stand:
         """At some of the instants."""
-        return replace(self, wrenches=self.wrenches[rows])
+        return _Stand(self.footing, self.wrenches[rows])
 
     def slopes(self, rows: np.ndarray, per_unit: np.ndarray, reference: float) -> np.ndarray:
         """Derivatives (3,) of the worst values, at row k of the k-th.
@@ -181,12 +167,11 @@ class _Stand:
             per_unit: (N, 6), of the wrenches.
             reference: of the logarithm of the reference moment.
         """
-        states = self.at(rows).states
-        tip, slip = self.footing.tip_over.evaluate(states), self.footing.slip.evaluate(states)
+        worst, along = self.at(rows), per_unit[rows]
+        states, tip, slip = worst.states, worst.tip, self.footing.slip.evaluate(worst.states)
         assert slip.gradient is not None  # it was asked for
-        along = per_unit[rows]
-        contact = int(np.argmin(self.at(rows)._foot_forces(tip)[2]))
-        if (shares := equal_normal_map(self.support)) is not None:
+        contact = int(np.argmin(worst._foot_forces[2]))
+        if (shares := equal_normal_map(self.footing.support)) is not None:
             force = shares[contact]
         else:
             normal = states.contact_forces[2, contact, 0]
@@ -198,7 +183,7 @@ class _Stand:
 
     def _lets_go_below(self, contact: int, force: float, margin: float) -> bool:
         """Whether the nearer end of a contact's normal force is the lower one."""
-        pieces = self.support.contacts[contact].force_pieces()
+        pieces = self.footing.support.contacts[contact].force_pieces()
         return abs(force - min(piece.normal_min for piece in pieces) - margin) <= 1e-9 * (1 + abs(force))
 
 
@@ -303,7 +288,8 @@ def _has_friction(contact: Binding) -> bool:
 
 def _base_changes(stand: _Stand, on: On, worst: Worst | None) -> list[_Change]:
     """A mass at the base's centre of mass, and shifts of that: down, and where the base tips last."""
-    support, d, mm = stand.support, stand.support.dimension, f"{1e3 * MILLIMETRES:g} mm"
+    support, mm = stand.footing.support, f"{1e3 * MILLIMETRES:g} mm"
+    d = support.dimension
     pull = support.mass * support.gravity
     down = support.gravity / max(float(np.linalg.norm(support.gravity)), 1e-300)
 
