@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -144,16 +144,6 @@ def _of_meshes(apart: float | None) -> str:
     return f" ({text})"
 
 
-@dataclass(frozen=True, eq=False)
-class _LateRows(NodeRows):
-    """Rows with the angles (rows, n) of delayed joints, and their slopes (rows, 3, n) over the state's
-    parts.
-    """
-
-    late: np.ndarray = field(default_factory=lambda: np.empty(0))
-    parts: np.ndarray = field(default_factory=lambda: np.empty(0))
-
-
 class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
     """The minimum distance with joints that are delayed independently.
 
@@ -237,16 +227,14 @@ class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
         gaps, curvature_rows = self._at(q, k)
         slopes = np.zeros((len(i), row_nodes.s.shape[1]))
         slopes[:, : 3 * self.robot.n] = (GAP_SCALE * curvature_rows[:, None] * parts).reshape(len(i), -1)
-        return _LateRows(row_nodes, i, k, GAP_SCALE * gaps, slopes, late=q, parts=parts)
+        return NodeRows(row_nodes, i, k, GAP_SCALE * gaps, slopes, chosen=(q, parts))
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        assert isinstance(rows, _LateRows)
-        count, n = rows.late.shape
-        gap_curvature = self.robot.collision.curvature(
-            rows.late, np.arange(count), rows.places, GAP_SCALE * on
-        )
+        q, parts = rows.chosen
+        count, n = q.shape
+        gap_curvature = self.robot.collision.curvature(q, np.arange(count), rows.places, GAP_SCALE * on)
         size = rows.at.s.shape[1]
         bends = np.zeros((count, size, size))
-        bent = np.einsum("raj,rjk,rbk->rajbk", rows.parts, gap_curvature, rows.parts)
+        bent = np.einsum("raj,rjk,rbk->rajbk", parts, gap_curvature, parts)
         bends[:, : 3 * n, : 3 * n] = bent.reshape(count, 3 * n, 3 * n)
         return np.arange(count), bends

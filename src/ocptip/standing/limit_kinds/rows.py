@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -98,6 +98,8 @@ class NodeRows:
         values: (rows,).
         slopes: (rows, ...) over what the limit is a function of; empty where that is plain.
         bends: (rows, 6, 6) second derivatives over the wrench; empty where there are none.
+        chosen: what rows are evaluated at that is kept fixed, such as deviations, each of R rows.
+        weights: (rows, 6) slopes over the wrench at what is chosen.
     """
 
     at: RowNodes
@@ -106,3 +108,5 @@ class NodeRows:
     values: np.ndarray
     slopes: np.ndarray = field(default_factory=lambda: np.empty(0))
     bends: np.ndarray = field(default_factory=lambda: np.empty(0), kw_only=True)
+    chosen: tuple[Any, ...] = field(default=(), kw_only=True)
+    weights: np.ndarray = field(default_factory=lambda: np.empty(0), kw_only=True)

@@ -14,7 +14,6 @@ for the curvature of GT over the wrench.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -45,14 +44,6 @@ from ocptip.standing.stops.by_cancel import (
     cancelled_motion,
 )
 from ocptip.standing.stops.joint_stops import without_creep
-
-
-@dataclass(frozen=True, eq=False)
-class StoppedRows(NodeRows):
-    """Rows of one state of a stop: what is chosen, (rows, ...) each, and weights (rows, 6) of the wrench."""
-
-    chosen: tuple[np.ndarray, ...] = ()
-    weights: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 class StoppedLimit(StateLimit, ContactLimit):
@@ -98,10 +89,9 @@ class StoppedLimit(StateLimit, ContactLimit):
         unit = self.quantity.unit
         weights = weights / unit
         gradient = self._slopes.gradient(row_nodes.s[i], *chosen, weights)
-        return StoppedRows(row_nodes, i, k, values / unit, gradient, chosen=chosen, weights=weights)
+        return NodeRows(row_nodes, i, k, values / unit, gradient, chosen=chosen, weights=weights)
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        assert isinstance(rows, StoppedRows)
         some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
         chosen = (part[some] for part in rows.chosen)
         weights = on[some, None] * rows.weights[some]
@@ -161,14 +151,6 @@ class BrakeLimit(TableLimit, StoppedLimit, ContactRowsLimit):
 
 
 STOP_INNER = 3e-3  # by so much tighter are programs: corners move between their nodes
-
-
-@dataclass(frozen=True, eq=False)
-class StopRows(NodeRows):
-    """Rows of stops: where, and slopes over the wrench there, (rows, 6)."""
-
-    points: StopPoints | None = None
-    on_wrench: np.ndarray | None = None
 
 
 class StopLimit(StateLimit, TableLimit, ContactRowsLimit):
@@ -236,18 +218,15 @@ class StopLimit(StateLimit, TableLimit, ContactRowsLimit):
         points = self._points_of((q[nodes], qd[nodes], qdd[nodes]), row_nodes.process[nodes])
         values, slopes = self.quantity.exact_rows(points)
         which = points.worst(values)[1][place, k]
-        on_wrench = slopes[which, k]
+        weights = slopes[which, k]
         chosen = points.select(which)
-        gradient = self._slopes.gradient(row_nodes.s[i], self.asked.torque_ratio, chosen, on_wrench)
-        return StopRows(row_nodes, i, k, values[which, k], gradient, chosen, on_wrench)
+        gradient = self._slopes.gradient(row_nodes.s[i], self.asked.torque_ratio, chosen, weights)
+        return NodeRows(row_nodes, i, k, values[which, k], gradient, chosen=(chosen,), weights=weights)
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        assert isinstance(rows, StopRows)
-        assert rows.points is not None
-        assert rows.on_wrench is not None
         some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
-        nodes, weights = rows.nodes[some], on[some, None] * rows.on_wrench[some]
-        points = rows.points.select(some)
+        nodes, weights = rows.nodes[some], on[some, None] * rows.weights[some]
+        points = rows.chosen[0].select(some)
         return some, self._slopes.hessian(rows.at.s[nodes], self.asked.torque_ratio, points, weights)
 
 

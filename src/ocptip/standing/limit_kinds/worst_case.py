@@ -8,7 +8,7 @@ joints that are delayed or overshoot.
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -34,19 +34,6 @@ from ocptip.standing.within.tolerable import AT_REST, why_not
 from ocptip.standing.within.worst_case import WorstCase, worst_case_of
 
 MOVING = 0.1  # share of the friction that a tolerance takes besides, about
-
-
-@dataclass(frozen=True, eq=False)
-class WorstRows(NodeRows):
-    """Rows with the deviations and the slopes over the wrench at which they are evaluated.
-
-    Attributes:
-        theta: (rows, size).
-        weights: (rows, 6), slopes over the wrench.
-    """
-
-    theta: np.ndarray = field(default_factory=lambda: np.empty(0))
-    weights: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 class WithinLimit(AskedLimit):
@@ -137,13 +124,13 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
         weights = result.slopes / unit
         slopes = self.cases.deviations.state_slopes(row_nodes.s[i], result.theta, weights)[0]
         bends = np.empty(0) if result.bends is None else result.bends / unit
-        return WorstRows(row_nodes, i, k, result.values / unit, slopes, result.theta, weights, bends=bends)
+        fixed = {"chosen": (result.theta,), "weights": weights, "bends": bends}
+        return NodeRows(row_nodes, i, k, result.values / unit, slopes, **fixed)
 
     def curvature(self, rows: NodeRows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        assert isinstance(rows, WorstRows)
         some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
         states, weights = rows.at.s[rows.nodes[some]], on[some, None] * rows.weights[some]
-        deviations, theta = self.cases.deviations, rows.theta[some]
+        deviations, theta = self.cases.deviations, rows.chosen[0][some]
         result = deviations.state_curvature(states, theta, weights)[0]
         if rows.bends.size:
             every = np.tile(np.eye(6), (len(some), 1))
