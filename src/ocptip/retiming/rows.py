@@ -21,7 +21,7 @@ from ocptip.standing.limit_kinds.limit import ORDINARY, Limit
 from ocptip.standing.limit_kinds.rows import NodeSlopes
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.stops.along_path import Affine, affine_loads, affine_objects
+from ocptip.standing.stops.along_path import Affine, affine_loads
 from ocptip.trajectories.path import JointPath, PathTiming
 
 FASTEST = 1e6  # 1/s^2: x is never greater: a path takes at least a millisecond
@@ -122,14 +122,9 @@ class Places:
         return np.stack([self.base.rows(u, x) for u, x in ((one, none), (none, one), (none, none))])
 
     @cached_property
-    def loads(self) -> tuple[Affine, Affine]:
-        """Torques and wrenches."""
+    def loads(self) -> tuple[Affine, ...]:
+        """Torques, then the wrenches on each interface."""
         return affine_loads(self.robot, self.q, self.dq, self.ddq, self._in_states, self._pace)
-
-    @cached_property
-    def objects(self) -> tuple[Affine, ...]:
-        """Wrenches on the objects."""
-        return affine_objects(self.robot, self.q, self.dq, self.ddq, self._in_states, self._pace)
 
     @property
     def _pace(self) -> np.ndarray | None:
@@ -157,7 +152,7 @@ class Places:
     def instants(self, u: np.ndarray, x: np.ndarray) -> Instants:
         """The instants at the points with path accelerations u and squared path speeds x, (P,) each."""
         acting, u, x = self.acting(u, x), u[:, None], x[:, None]
-        torque, wrench = (part[0] * u + part[1] * x + part[2] for part in self.loads)
+        torque, wrench = (part[0] * u + part[1] * x + part[2] for part in self.loads[:2])
         qd, qdd = self.dq * np.sqrt(x), self.dq * u + self.ddq * x
         return Instants(self.robot, self.q, torque, wrench, self.robot.further(self.q, qd), qd, qdd, acting)
 
@@ -174,7 +169,7 @@ class Places:
         y = np.hstack([power, instants.torques, instants.wrenches, instants.further, *carried])
         parts = [
             np.hstack(
-                [power, *(load[k] for load in self.loads), none, *(speeds[k] for speeds in self.objects)]
+                [power, *(load[k] for load in self.loads[:2]), none, *(load[k] for load in self.loads[2:])]
             )
             for k in range(2)
         ]
@@ -265,7 +260,7 @@ class TimingLimits:
             np.stack([*rates, np.ones_like(rates[0])]),
             np.stack([*(-rate for rate in rates), np.ones_like(rates[0])]),
         ]
-        wrenches = places.loads[1], *places.objects
+        wrenches = places.loads[1:]
         if places.base is not None and self.base is not None:
             of_base, block = places.base.half_planes(self.base, wrenches[0])
             names += of_base

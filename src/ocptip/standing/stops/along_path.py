@@ -117,17 +117,16 @@ class Path:
                 "stops: some drive has neither a limit of torque nor of acceleration, so that nothing bounds "
                 "the deceleration; give [stops] time, in s"
             )
-        parts = affine_loads(robot, q, qd, qdd, process)
-        wrenches = affine_objects(robot, q, qd, qdd, process)[interface - 1] if interface else parts[1]
+        torques, *wrenches = affine_loads(robot, q, qd, qdd, process)
         by_acceleration, by_torque = 1 / limits.acceleration, 1 / (torque_ratio * limits.torque)
         rates = [part * by_acceleration for part in (qd, qdd, still)]
-        efforts = [part * by_torque for part in parts[0]]
+        efforts = [part * by_torque for part in torques]
         law = -time, 0.0, 0.0
         columns = [
             np.hstack([rate, -rate, effort, -effort, np.full((count, 1), value)])
             for rate, effort, value in zip(rates, efforts, law, strict=True)
         ]
-        return cls(parts[0], wrenches, Bounds(*columns), robot.interfaces[interface])
+        return cls(torques, wrenches[interface], Bounds(*columns), robot.interfaces[interface])
 
 
 Affine = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -141,8 +140,8 @@ def affine_loads(
     ddq: np.ndarray,
     process: np.ndarray | None = None,
     rate: np.ndarray | None = None,
-) -> tuple[Affine, Affine]:
-    """Torques (N, n) and wrenches (N, 6) on the base as affine functions of u = s'' and x = s'^2.
+) -> tuple[Affine, ...]:
+    """Torques (N, n) and wrenches (N, 6) on each interface as affine functions of u = s'' and x = s'^2.
 
     Args:
         robot: whose.
@@ -152,29 +151,12 @@ def affine_loads(
         rate: (N,) > 0: on a base that turns, Coriolis forces grow with s', which is no affine function of
             x; they are those of its tangent at this s'. None: the base does not turn.
     """
-    states = _states(q, dq, ddq, rate)
-    torque, wrench = robot.loads(*states, None if process is None else _each(process, len(states[0])))
-    return _affine(torque, rate), _affine(wrench, rate)
-
-
-def affine_objects(
-    robot: StandingMechanism,
-    q: np.ndarray,
-    dq: np.ndarray,
-    ddq: np.ndarray,
-    process: np.ndarray | None = None,
-    rate: np.ndarray | None = None,
-) -> tuple[Affine, ...]:
-    """The wrenches (N, 6) on the objects as such functions, see `affine_loads`."""
-    states = _states(q, dq, ddq, rate)
-    _, driving = robot.acts.split(None if process is None else _each(process, len(states[0])))
-    return tuple(_affine(wrench, rate) for wrench in robot.object_wrenches(*states, driving))
-
-
-def _each(process: np.ndarray, count: int) -> np.ndarray:
-    """What acts in each of the states: the same, (N, k), or another in each, (3, N, k)."""
-    rows = process if process.ndim == 2 else np.concatenate(process)
-    return np.tile(rows, (count // max(len(rows), 1), 1))
+    states, acting = _states(q, dq, ddq, rate), None
+    if process is not None:  # the same in each of the states, or another in each
+        rows = process if process.ndim == 2 else np.concatenate(process)
+        acting = np.tile(rows, (len(states[0]) // max(len(rows), 1), 1))
+    objects = robot.object_wrenches(*states, robot.acts.split(acting)[1])
+    return tuple(_affine(values, rate) for values in (*robot.loads(*states, acting), *objects))
 
 
 def _states(
