@@ -350,10 +350,16 @@ class TableLimit(AskedLimit):
     Attributes:
         table: the field of `Limits`.
         inner_share: relative amount by which programs are tighter.
+        of_arms: of arms alone.
     """
 
     table = ""
     inner_share = INNER
+    of_arms = False
+
+    @classmethod
+    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
+        return getattr(asked, cls.table) is not None and (robot.arm is not None or not cls.of_arms)
 
     @property
     def number(self) -> float:

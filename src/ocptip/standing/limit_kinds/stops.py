@@ -102,13 +102,9 @@ class BrakeLimit(TableLimit, StoppedLimit, ContactRowsLimit):
     """One quantity during all stops by brakes."""
 
     words = "{} in stops by brakes", "{}_brakes"
-    takes_objects = True
+    takes_objects = of_arms = True
     scenario = WHOLE
     table, largest_step, rows_first = "brakes", 0.05, True
-
-    @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
-        return asked.brakes is not None and robot.arm is not None
 
     def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
         times, result = stops_of_motion(self._arm, sampled.motion, self._brakes, interface=self.interface)
@@ -164,10 +160,6 @@ class StopLimit(StateLimit, TableLimit, ContactRowsLimit):
     def _time(self) -> float:
         assert self.asked.stops is not None  # else it is not wanted
         return self.asked.stops.time
-
-    @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
-        return asked.stops is not None
 
     # --- what happens -------------------------------------------------------------------------------------
 
@@ -270,13 +262,9 @@ class CancelLimit(TableLimit, StoppedLimit, ContactRowsLimit):
     """One quantity during all stops of a cancelled motion."""
 
     words = "{} in cancels", "{}_cancel"
-    takes_objects = True
+    takes_objects = of_arms = True
     scenario = WHOLE
     table, largest_step, rows_first = "cancel", 0.05, True
-
-    @classmethod
-    def wanted(cls, robot: StandingMechanism, asked: Limits) -> bool:
-        return asked.cancel is not None and robot.arm is not None
 
     def worst(self, values: np.ndarray, sampled: Sampled) -> list[Worst]:
         robot, cancel = cancel_of(sampled.robot, self.asked)
