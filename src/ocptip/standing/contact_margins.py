@@ -13,6 +13,7 @@ from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.standing.instants import Loaded
 
 _ALIKE = 1e-6
+_LEAST, _MOST = ("force", "moment", "edge", "alike"), ("friction", "equal_friction", "missing")
 
 
 @dataclass(frozen=True)
@@ -108,18 +109,12 @@ class ContactMargins:
 
     def worse(self, other: ContactMargins) -> ContactMargins:
         """The worse of both, quantity by quantity."""
-        return ContactMargins(
-            _smaller(self.force, other.force),
-            _smaller(self.moment, other.moment),
-            _smaller(self.edge, other.edge),
-            _smaller(self.friction, other.friction, -1.0),
-            self.unique,
-            self.weak + other.weak,
-            min(self.first_weak, other.first_weak),
-            _smaller(self.alike, other.alike),
-            _smaller(self.equal_friction, other.equal_friction, -1.0),
-            _smaller(self.missing, other.missing, -1.0),
-        )
+        signs = {**dict.fromkeys(_LEAST, 1.0), **dict.fromkeys(_MOST, -1.0)}
+        worst = {
+            name: _smaller(getattr(self, name), getattr(other, name), sign) for name, sign in signs.items()
+        }
+        weak, first = self.weak + other.weak, min(self.first_weak, other.first_weak)
+        return replace(self, **worst, weak=weak, first_weak=first)
 
     @property
     def uncounted(self) -> ContactMargins:
@@ -140,8 +135,7 @@ class ContactMargins:
 
     def later(self, seconds: float) -> ContactMargins:
         """These margins with their times shifted by `seconds`."""
-        names = ("force", "moment", "edge", "friction", "alike", "equal_friction", "missing")
-        known = {name: margin for name in names if (margin := getattr(self, name))}
+        known = {name: margin for name in (*_LEAST, *_MOST) if (margin := getattr(self, name))}
         shifted = {name: margin.later(seconds) for name, margin in known.items()}
         return replace(self, **shifted, first_weak=self.first_weak + seconds)
 
