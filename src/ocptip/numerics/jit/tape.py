@@ -32,7 +32,8 @@ _Op = IntEnum(
 SEARCHED, QUICK, WORTH = 3, 60, 2000
 """Blocks after which machine code is searched on disk, is compiled quickly, and is worth more effort."""
 
-_CODES = {getattr(cs, f"OP_{op.name}"): op for op in _Op}
+_CODES = {getattr(cs, f"OP_{op.name}"): int(op) for op in _Op}
+_CONST, _INPUT, _OUTPUT = int(_Op.CONST), int(_Op.INPUT), int(_Op.OUTPUT)  # plain numbers compare faster
 
 
 def instruction_name(operation: int) -> str:
@@ -43,7 +44,7 @@ def instruction_name(operation: int) -> str:
     """
     if operation not in _CODES:
         raise NotImplementedError(f"CasADi operation {operation}")
-    return _CODES[operation].name
+    return _Op(_CODES[operation]).name
 
 
 class Tape:
@@ -60,26 +61,29 @@ class Tape:
         if not function.is_a("SXFunction"):
             raise NotImplementedError(f"{function.name()} is no SX function")
         count = function.n_instructions()
+        operations = [function.instruction_id(k) for k in range(count)]
+        if unknown := set(operations) - set(_CODES):
+            raise NotImplementedError(f"{function.name()}: CasADi operation {min(unknown)}")
         self._code = np.zeros((count, 4), dtype=np.int64)  # operation, two arguments, result
+        self._code[:, 0] = codes = [_CODES[operation] for operation in operations]
         self._constants = np.zeros(count)
-        inputs = np.cumsum([0, *(function.numel_in(i) for i in range(function.n_in()))])
-        outputs = np.cumsum([0, *(function.numel_out(i) for i in range(function.n_out()))])
-        for k in range(count):
-            operation = function.instruction_id(k)
-            if operation not in _CODES:
-                raise NotImplementedError(f"{function.name()}: CasADi operation {operation}")
-            code = _CODES[operation]
-            arguments, results = function.instruction_input(k), function.instruction_output(k)
-            if code == _Op.CONST:
+        inputs = np.cumsum([0, *(function.numel_in(i) for i in range(function.n_in()))]).tolist()
+        outputs = np.cumsum([0, *(function.numel_out(i) for i in range(function.n_out()))]).tolist()
+        rows = []
+        for k, code in enumerate(codes):
+            results = function.instruction_output(k)
+            if code == _CONST:
                 self._constants[k] = function.instruction_constant(k)
-                row = 0, 0, results[0]
-            elif code == _Op.INPUT:
-                row = inputs[arguments[0]] + arguments[1], 0, results[0]
-            elif code == _Op.OUTPUT:
-                row = arguments[0], 0, outputs[results[0]] + results[1]
+                rows.append((0, 0, results[0]))
+                continue
+            arguments = function.instruction_input(k)
+            if code == _INPUT:
+                rows.append((inputs[arguments[0]] + arguments[1], 0, results[0]))
+            elif code == _OUTPUT:
+                rows.append((arguments[0], 0, outputs[results[0]] + results[1]))
             else:
-                row = arguments[0], arguments[-1], results[0]
-            self._code[k] = code, *row
+                rows.append((arguments[0], arguments[-1], results[0]))
+        self._code[:, 1:] = np.reshape(rows, (count, 3))
         self._work = function.sz_w()
         self._arguments, self._size = int(inputs[-1]), int(outputs[-1])
         self._blocks, self._native, self._lock = 0, None, threading.Lock()
