@@ -22,10 +22,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import (
-    dpotrf,  # pyright: ignore[reportAttributeAccessIssue] # not in its stubs
-    dtrtrs,  # pyright: ignore[reportAttributeAccessIssue] # not in its stubs
-)
+import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.write import Record
@@ -71,12 +68,12 @@ def platform_conditioning(pose: PlatformPose, W: object) -> OperationConditionin
     W = finite_array("W", W, (6, 6))
     if np.abs(W - W.T).max() > 1e-9 * np.abs(W).max():
         raise InputError("W: must be symmetric")
-    L, failed = dpotrf(W, lower=1)
+    L, failed = scipy.linalg.lapack.dpotrf(W, lower=1)
     if failed or np.diagonal(L).min() <= 1e-12 * np.diagonal(L).max():
         raise InputError("W: must be positive definite (an operation ellipsoid needs a volume)")
-    forms = dtrtrs(L, pose.jacobian.T, lower=1)[0].T
+    forms = scipy.linalg.lapack.dtrtrs(L, pose.jacobian.T, lower=1)[0].T
     _, values, rows = np.linalg.svd(forms, full_matrices=False)
-    screws = dtrtrs(L, rows.T, lower=1, trans=1)[0]
+    screws = scipy.linalg.lapack.dtrtrs(L, rows.T, lower=1, trans=1)[0]
     J = pose.jacobian @ screws
     residual = max(
         float(np.abs(screws.T @ W @ screws - np.eye(6)).max()),
@@ -140,9 +137,9 @@ def control_number(pose: PlatformPose | PlanarPlatformPose) -> ControlNumber:
     pivots = np.abs(np.diagonal(R))
     if pivots.min() <= _BLIND * pivots.max():
         return ControlNumber(0.0, np.full(size, np.inf), None, 0.0, True)
-    forms = dtrtrs(R, J.T, trans=1)[0].T
+    forms = scipy.linalg.lapack.dtrtrs(R, J.T, trans=1)[0].T
     _, values, rows = np.linalg.svd(forms, full_matrices=False)
-    screws = dtrtrs(R, rows.T)[0]
+    screws = scipy.linalg.lapack.dtrtrs(R, rows.T)[0]
     feels, drives = A @ screws, J @ screws
     residual = max(
         float(np.abs(feels.T @ feels - np.eye(size)).max()),
