@@ -121,8 +121,7 @@ class ClearanceLimit(AskedLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self.number * GAP_SCALE), np.full(self.width, np.inf)
 
-    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
+    def rows_at(self, row_nodes: RowNodes, i: np.ndarray, k: np.ndarray) -> NodeRows:
         gaps, slopes = self.robot.collision.slopes(row_nodes.angles, i, k)
         return NodeRows(row_nodes, i, k, GAP_SCALE * gaps, GAP_SCALE * slopes)
 
@@ -218,8 +217,7 @@ class LateClearanceLimit(StateLimit, WithinLimit, ClearanceLimit):
         """Distances (r,) and slopes (r, n) of pairs (r,) at angles (r, n)."""
         return self.robot.collision.slopes(q, np.arange(len(q)), pairs, once=once)
 
-    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
+    def rows_at(self, row_nodes: RowNodes, i: np.ndarray, k: np.ndarray) -> NodeRows:
         late = np.zeros((len(i), self.robot.n)) if self._is_late is None else 1.0 * self._is_late[i, k]
         parts = self._steps[:, None] * late[:, None]
         parts[:, 0] = 1.0

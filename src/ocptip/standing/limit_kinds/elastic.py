@@ -87,8 +87,7 @@ class FootForceLimit(WrenchLimit, AskedLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self.number / self.unit), np.full(self.width, np.inf)
 
-    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
+    def rows_at(self, row_nodes: RowNodes, i: np.ndarray, k: np.ndarray) -> NodeRows:
         forces = row_nodes.y[:, row_nodes.columns.wrench] @ self._map.T - self._lowest
         return NodeRows(row_nodes, i, k, forces[i, k] / self.unit, self._map[k])
 

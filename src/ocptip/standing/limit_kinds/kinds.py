@@ -201,8 +201,7 @@ class AngleLimit(Limit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return self._low, self._high
 
-    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
+    def rows_at(self, row_nodes: RowNodes, i: np.ndarray, k: np.ndarray) -> NodeRows:
         return NodeRows(row_nodes, i, k, row_nodes.s[i, k])
 
     def jacobian(self, rows: NodeRows) -> np.ndarray:
@@ -256,8 +255,7 @@ class CancelAngleLimit(StateLimit, AngleLimit):
         below, above = (np.clip(left / 2, 0.0, RESTS_INSIDE) for left in (q - low, high - q))
         return low + below, high - above
 
-    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
+    def rows_at(self, row_nodes: RowNodes, i: np.ndarray, k: np.ndarray) -> NodeRows:
         n, count = self.robot.n, np.arange(len(i))
         q, qd, _ = row_nodes.motion_states
         slopes = np.zeros((len(i), row_nodes.s.shape[1]))
@@ -307,8 +305,7 @@ class CancelDurationLimit(StateLimit):
         most = np.full(self.width, 1 - FURTHER_INSIDE)
         return -most, most
 
-    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
+    def rows_at(self, row_nodes: RowNodes, i: np.ndarray, k: np.ndarray) -> NodeRows:
         slopes = np.zeros((len(i), row_nodes.s.shape[1]))
         slopes[np.arange(len(i)), self.robot.n + k] = 1 / self._fastest[k]
         return NodeRows(row_nodes, i, k, row_nodes.motion_states[1][i, k] / self._fastest[k], slopes)

@@ -5,7 +5,7 @@ A limit has three sides. Each method's default says "nothing here", so that a ki
 - what happens: values at sampled instants (`measure`), the worst of a motion in the limit's scenario
   (`worst`), of a posture at rest (`refusals`), of a path (`path_excess`);
 - rows of a nonlinear program: at each node `width` of them, of which those near the limit take part (`uses`,
-  `bounds`, `rows`, `jacobian`, `add_to_quantities`, `add_hessian`);
+  `bounds`, `rows_at`, `jacobian`, `add_to_quantities`, `add_hessian`);
 - search: numbers asked for that can be tightened (`AskedLimit`).
 
 The kinds and their list are in `kinds`.
@@ -203,6 +203,10 @@ class Limit:
 
     def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
         """The rows that take part: where mask (N, width) is True, node by node."""
+        return self.rows_at(row_nodes, *np.nonzero(mask))
+
+    def rows_at(self, row_nodes: RowNodes, i: np.ndarray, k: np.ndarray) -> NodeRows:
+        """Rows at nodes i with numbers k among the limit's rows there, (R,) each."""
         raise NotImplementedError(f"{self.name}: no rows")
 
     def jacobian(self, rows: NodeRows) -> np.ndarray:
@@ -244,8 +248,7 @@ class QuantityLimit(Limit):
         """The first of the columns."""
         raise NotImplementedError
 
-    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
+    def rows_at(self, row_nodes: RowNodes, i: np.ndarray, k: np.ndarray) -> NodeRows:
         return NodeRows(row_nodes, i, k, row_nodes.y[i, self.first(row_nodes.columns) + k] / self.units[k])
 
     def jacobian(self, rows: NodeRows) -> np.ndarray:

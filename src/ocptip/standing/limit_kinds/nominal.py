@@ -130,8 +130,7 @@ class NominalLimit(WrenchLimit, ContactRowsLimit):
     def badness(self, instants: Instants, share: float) -> np.ndarray:
         return self.quantity.badness(self._loads(instants))
 
-    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
+    def rows_at(self, row_nodes: RowNodes, i: np.ndarray, k: np.ndarray) -> NodeRows:
         values, slopes, bends = self.quantity.rows(
             row_nodes.y[:, row_nodes.columns.wrenches[self.interface]], i, k
         )

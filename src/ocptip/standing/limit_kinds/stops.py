@@ -78,8 +78,7 @@ class StoppedLimit(StateLimit, ContactLimit):
         other._fixed = self._choose(instants.s, instants.before)
         return other
 
-    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
+    def rows_at(self, row_nodes: RowNodes, i: np.ndarray, k: np.ndarray) -> NodeRows:
         if self._fixed is not None:
             chosen = tuple(part[i, k] for part in self._fixed)
         else:
@@ -203,8 +202,7 @@ class StopLimit(StateLimit, TableLimit, ContactRowsLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, -np.inf), self.quantity.worst()
 
-    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
+    def rows_at(self, row_nodes: RowNodes, i: np.ndarray, k: np.ndarray) -> NodeRows:
         nodes, place = np.unique(i, return_inverse=True)
         q, qd, qdd = row_nodes.motion_states
         points = self._points_of((q[nodes], qd[nodes], qdd[nodes]), row_nodes.process[nodes])

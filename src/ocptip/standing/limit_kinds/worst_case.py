@@ -117,8 +117,7 @@ class WorstCaseLimit(StateLimit, WithinLimit, ContactLimit):
         ends = np.full(self.width, self._bound / self.quantity.unit), np.full(self.width, np.inf)
         return ends if self.quantity.least else (-ends[1], ends[0])
 
-    def rows(self, row_nodes: RowNodes, mask: np.ndarray) -> NodeRows:
-        i, k = np.nonzero(mask)
+    def rows_at(self, row_nodes: RowNodes, i: np.ndarray, k: np.ndarray) -> NodeRows:
         theta = None if self._theta is None else self._theta[i, k]
         result, unit = self.quantity.within(self._smooth, row_nodes.s[i], k, theta), self.quantity.unit
         weights = result.slopes / unit
