@@ -203,7 +203,8 @@ def written(rows: Sequence[Mapping[str, Any]], out: Path) -> str:
         if not row["base"]["from_urdf"]:
             contacts = "invented"
         off, gap = ("-" if row[key] is None else f"{row[key]:.1f}" for key in ("off_mm", "gap_mm"))
-        masses = f"{row['base_kg']:.2f}", f"{row['arm_kg']:.2f}", f"{row['mass_error']:.0e}"
+        error = f"{row['mass_error']:.0e}" if row["base"]["from_urdf"] else "-"
+        masses = f"{row['base_kg']:.2f}", f"{row['arm_kg']:.2f}", error
         plan = row.get("plan", "-")
         cpu = f"{row['cpu_s']:.0f}" if "cpu_s" in row else "-"
         lines.append([row["robot"], *masses, contacts, off, gap, str(row["lines"]), plan, cpu])
