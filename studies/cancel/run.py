@@ -39,6 +39,8 @@ from studies.common import EXAMPLES, PLANNING, RowFile, ended, say, software, so
 FACTORS = (0.8, 0.99, 1.1, 1.3, 1.6)
 MOST, CLOSE = 8.0, 1e-3  # share of the acceleration limits
 FRICTION = 3.0
+FINER = ((STEP / 2, STIFF), (STEP / 4, STIFF / 4), (STEP / 8, STIFF / 8))
+"""s: steps and time constants with which tips below the maximum are repeated."""
 CLEAR = 5e-3  # s: so long a negative moment is expected to tip the base
 
 
@@ -103,6 +105,7 @@ def rows_of(name: str, count: int, together: bool, file: RowFile) -> Iterator[di
     contacts = [replace(contact, friction=FRICTION) for contact in robot.support.contacts]
     robot = robot.varied(support=robot.support.varied(contacts))
     share, world = maximum(robot, motion, together), World(robot)
+    fine = [World(robot, step, stiff) for step, stiff in FINER]
     times = _instants(robot, motion, _cancel(robot, share, together), count)
     q, qd, _ = motion.states(times)
     for factor in FACTORS:
@@ -114,6 +117,8 @@ def rows_of(name: str, count: int, together: bool, file: RowFile) -> Iterator[di
         rates = np.array(cancel.decelerations)
         found = CancelCheck(robot, cancel).stops(q, qd)
         replays = [world.cancelled(motion, t, rates, together) for t in times.tolist()]
+        tips = [t for t, replay in zip(times.tolist(), replays, strict=True) if replay.tips and factor < 1]
+        finer = [[w.cancelled(motion, t, rates, together).longest for w in fine] for t in tips]
         yield {
             "task": name,
             "factor": factor,
@@ -122,6 +127,7 @@ def rows_of(name: str, count: int, together: bool, file: RowFile) -> Iterator[di
             "GN": found.GN,
             "tips": [replay.tips for replay in replays],
             "longest_s": [replay.longest for replay in replays],
+            "finer_s": finer,
             "predicted_s": [replay.predicted for replay in replays],
             "lift_m": [replay.lift for replay in replays],
             "slide_m": [replay.slide for replay in replays],
@@ -172,6 +178,13 @@ def markdown(rows: Sequence[dict[str, Any]], notes: list[str], law: str) -> str:
         f"- From 1.1 times the maximum on, where a moment is negative for {1e3 * CLEAR:g} ms or more: "
         f"{np.sum(tips & expected & above)} tips of {np.sum(expected & above)}.",
     ]
+    if finer := [times for row in rows for times in row.get("finer_s", ())]:
+        longest = ", ".join(f"{1e3 * value:.2f}" for value in np.max(finer, axis=0))
+        steps = ", ".join(f"{1e3 * step:g} and {1e3 * stiff:g}" for step, stiff in FINER)
+        sums.append(
+            f"- These {len(finer)} repeated with steps and time constants of {steps} ms: without load for at "
+            f"most {longest} ms."
+        )
     text = [
         f"# Cancelled motions in MuJoCo, joints that stop {law}",
         "",

@@ -60,7 +60,7 @@ def _inertial(mass: float, centre: np.ndarray, inertia: np.ndarray) -> str:
     return f'<inertial mass="{mass:.17g}" pos="{_text(centre)}" fullinertia="{_text(values)}"/>'
 
 
-def model_text(robot: Robot) -> str:
+def model_text(robot: Robot, step: float = STEP, stiff: float = STIFF) -> str:
     """MJCF of the arm on its base."""
     arm, support, links = robot.arm, robot.support, ""
     for i in reversed(range(arm.n)):
@@ -84,9 +84,9 @@ def model_text(robot: Robot) -> str:
         drives += f'<motor joint="j{i}" ctrllimited="false"/>'
     return (
         f'<mujoco><compiler inertiafromgeom="false" boundmass="1e-9" boundinertia="1e-9"/>'
-        f'<option timestep="{STEP}" gravity="{_text(support.gravity)}" cone="elliptic" impratio="10" '
+        f'<option timestep="{step}" gravity="{_text(support.gravity)}" cone="elliptic" impratio="10" '
         f'integrator="implicitfast" tolerance="1e-10"/>'
-        f'<default><geom solref="{STIFF} 1" solimp="{SOLIMP}" contype="0" conaffinity="1"/></default>'
+        f'<default><geom solref="{stiff} 1" solimp="{SOLIMP}" contype="0" conaffinity="1"/></default>'
         f'<worldbody><geom type="plane" size="5 5 1" contype="1" conaffinity="0" friction="0 0 0"/>'
         f'<body name="base"><freejoint/>{_inertial(support.mass, support.center_of_mass, support.inertia)}'
         f"{feet}{links}</body></worldbody>"
@@ -115,10 +115,13 @@ class World:
 
     Args:
         robot: an arm without a process on ordinary contacts in a horizontal plane.
+        step, stiff: s, of the simulation, and time constant of the contacts.
+        drive: rad/s of each joint's position loop.
     """
 
-    def __init__(self, robot: Robot) -> None:
-        self._robot, self._model = robot, mujoco.MjModel.from_xml_string(model_text(robot))
+    def __init__(self, robot: Robot, step: float = STEP, stiff: float = STIFF, drive: float = DRIVE) -> None:
+        self._robot, self._step, self._drive = robot, step, drive
+        self._model = mujoco.MjModel.from_xml_string(model_text(robot, step, stiff))
         self._data, self._pin = mujoco.MjData(self._model), pinocchio_model(robot)
         self._pin_data = self._pin.createData()
         count = len(robot.support.contacts)
@@ -128,13 +131,13 @@ class World:
         self, motion: Trajectory, begun: float, rates: np.ndarray, together: bool
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
         """Angles, speeds, accelerations (K, n) at all steps, and the number of the step of the cancel."""
-        before = round(min(BEFORE, begun) / STEP)
+        before = round(min(BEFORE, begun) / self._step)
         q0, qd0, _ = (part[0] for part in motion.states(np.array([begun])))
         stop = np.abs(qd0) / rates
         if together:
             rates = np.abs(qd0) / stop.max()
             stop = np.full(len(qd0), stop.max())
-        times = STEP * np.arange(int(np.ceil((stop.max() + AFTER) / STEP)))[:, None]
+        times = self._step * np.arange(int(np.ceil((stop.max() + AFTER) / self._step)))[:, None]
         sign, moves = np.sign(qd0), times < stop
         own = np.minimum(times, stop)
         cancelled = (
@@ -142,7 +145,7 @@ class World:
             np.where(moves, qd0 - sign * rates * times, 0.0),
             np.where(moves, -sign * rates, 0.0),
         )
-        path = motion.states(begun - STEP * np.arange(before, 0, -1))
+        path = motion.states(begun - self._step * np.arange(before, 0, -1))
         q, qd, qdd = (np.vstack(pair) for pair in zip(path, cancelled, strict=True))
         return q, qd, qdd, before
 
@@ -157,7 +160,7 @@ class World:
         data.qpos[7:], data.qvel[6:] = q[0], qd[0]
         # Of each joint alone, with the others free: gains for its own row of the matrix would be unstable.
         inertia = 1 / np.diag(np.linalg.inv(pin.crba(self._pin, self._pin_data, q[before])))
-        kp, kd = DRIVE**2 * inertia, 2 * DRIVE * inertia
+        kp, kd = self._drive**2 * inertia, 2 * self._drive * inertia
         forces, heights, places = [], [], []
         feet = np.arange(1, 1 + len(self._robot.support.contacts))
         for k in range(len(q)):
@@ -173,17 +176,18 @@ class World:
         carried, heights, places = np.array(forces), np.array(heights), np.array(places)
         slope, offset = self._robot.tip_over.affine_moments
         commanded = self._robot.loads(q[before:], qd[before:], qdd[before:])[1] @ slope.T + offset
-        longest = max(_longest(~np.any(carried[:, beside] > 0, axis=1)) for beside in self._beside)
+        unloaded = (~np.any(carried[:, beside] > 0, axis=1) for beside in self._beside)
+        longest = max(_longest(some, self._step) for some in unloaded)
         return Replay(
-            tips=longest >= LOST,
+            tips=longest >= LOST * (1 - 1e-9),
             longest=longest,
-            predicted=_longest(np.min(commanded, axis=1) < 0),
+            predicted=_longest(np.min(commanded, axis=1) < 0, self._step),
             lift=float(np.max(heights - heights[0])),
             slide=float(np.max(np.linalg.norm(places - places[0], axis=2))),
         )
 
 
-def _longest(true: np.ndarray) -> float:
+def _longest(true: np.ndarray, step: float) -> float:
     """s, for which it is true without a break."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], true.astype(int), [0]])))
-    return STEP * float(np.max(edges[1::2] - edges[::2], initial=0))
+    return step * float(np.max(edges[1::2] - edges[::2], initial=0))

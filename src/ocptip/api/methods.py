@@ -122,7 +122,7 @@ def _searched(
         raise
     except PlanningError as error:
         more = " (without --method, the direct method is tried as well)" if method == "path" else ""
-        if budget.given and not budget.left:
+        if budget.given and not budget.left and set(methods) != {"direct"}:  # which says so itself
             more += "; more --seconds may help"
             if method is None and "path" in methods:
                 more += ", or --method path, which gets all of the time"
