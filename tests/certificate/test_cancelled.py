@@ -80,7 +80,8 @@ def test_states_are_in_their_boxes(delay):
             begin, end = times[boxes.piece[k]]
             left, right = boxes.low[k], boxes.high[k]
             u = 0.5 * (left[0] + right[0]) + 0.5 * (right[0] - left[0]) * s
-            first, last = left[1] - late.delay * right[2:], right[1] - late.delay * left[2:]
+            delays = slice(2, 2 + motion.n)
+            first, last = left[1] - late.delay * right[delays], right[1] - late.delay * left[delays]
             own = 0.5 * (first + last) + 0.5 * (last - first) * np.broadcast_to(e, motion.n)
             state = _state(motion, 0.5 * (begin + end) + 0.5 * (end - begin) * u, own)
             for form, values in zip((rows.q, rows.qd, rows.qdd), state, strict=True):
@@ -129,7 +130,8 @@ def test_steps_of_the_motion_that_overshoot_are_in_their_boxes(divided):
     boxes = Boxes.of(piece, near, (first, last), motion.n)
     if divided:
         lag, off = (after[:, None] - whens) / 0.02, rng.choice([1e-4, 0.3], (2, *whens.shape))
-        boxes.low[:, 2:], boxes.high[:, 2:] = np.maximum(lag - off[0], 0.0), np.minimum(lag + off[1], 1.0)
+        delays = np.s_[:, 2 : 2 + motion.n]
+        boxes.low[delays], boxes.high[delays] = np.maximum(lag - off[0], 0.0), np.minimum(lag + off[1], 1.0)
     cancelled, seen = Cancelled(data["motion"], RATES, Late(data["motion"], 0.02, 0.85)), 0
     boxes_of_rest = cancelled.rested(boxes)
     for rows in cancelled.rows(boxes):
@@ -140,6 +142,35 @@ def test_steps_of_the_motion_that_overshoot_are_in_their_boxes(divided):
             assert np.all(values <= high + 1e-9)
         seen += len(states)
     assert seen > 300
+
+
+def test_both_halves_of_accelerations_are_all_of_a_box():
+    rng, (_, motion) = np.random.default_rng(6), _swing("B")
+    cancelled = Cancelled(motion_data(motion), RATES, Late(motion_data(motion), 0.02, 0.85))
+    boxes = cancelled.whole()
+    for _ in range(6):
+        boxes = boxes.halves(rng.integers(0, 2 + motion.n, len(boxes.piece)))
+    boxes = boxes.some(rng.permutation(len(boxes.piece))[:200])
+    joint = rng.integers(0, motion.n, len(boxes.piece))
+
+    def ends(some):
+        values = np.empty((3, 2, motion.n, len(some.piece)))
+        for rows in cancelled.rows(some):
+            values[..., rows.number] = [form.range for form in (rows.q, rows.qd, rows.qdd)]
+        return values
+
+    whole, halves = ends(boxes), ends(boxes.halves(2 + motion.n + joint))
+    lower, upper = halves[..., : len(joint)], halves[..., len(joint) :]
+    divided = joint == np.arange(motion.n)[:, None]
+    for half in (lower, upper):  # nothing else changes
+        np.testing.assert_allclose(half[:2], whole[:2], atol=1e-12)
+        np.testing.assert_allclose(half[2][:, ~divided], whole[2][:, ~divided], atol=1e-9)
+    (low, high), first, second = (values[2][:, divided] for values in (whole, lower, upper))
+    tiny = 1e-11  # of the whole, which is rounded outwards, too
+    assert np.all((first[0] <= low + tiny) & (first[1] >= second[0]) & (second[1] >= high - tiny))
+    wide = high - low > 1e-3
+    assert np.count_nonzero(wide) > 50
+    np.testing.assert_allclose(np.diff(first[:, wide], axis=0)[0], 0.5 * (high - low)[wide], rtol=1e-6)
 
 
 def _cancels(GN, rate=3.0, **changes):
@@ -185,7 +216,7 @@ def test_the_force_of_a_drive_in_a_cancel_by_hand():
         {"trees": ["t..", ".", ".", "."]},
         {"trees": ["A..", ".", ".", "."]},
         {"trees": ["A.", ".", ".", "."]},
-        {"trees": ["B..", ".", ".", "."]},
+        {"trees": ["C..", ".", ".", "."]},
         {"trees": "...."},
         {"trees": [["."]] * 4},
         {"trees": None},

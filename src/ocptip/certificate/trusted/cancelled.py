@@ -1,12 +1,12 @@
 """States of an arm while a cancelled motion comes to rest, over boxes of two times, in Taylor forms.
 
-The motion is cancelled at a time t, and every joint decelerates at a constant rate until it holds.
-A joint with a delay of up to d is where it should be at a time after t between after - d and after: still in
-the motion before t, then decelerating, then at rest. It overshoots only at the steps themselves, see `late`.
-Boxes are intervals of t, with s the place in these, of the time after t, and of the delay of each joint. Over
-a box each joint has one enclosure: a polynomial of s and of e, the place within its interval of times, and an
-interval of its accelerations. All combinations of the joints are in there, of which delays allow each. Plain
-data and NumPy only.
+The motion is cancelled at a time t, and every joint decelerates at a constant rate until it holds. A joint
+with a delay of up to d is where it should be at a time after t between after - d and after: still in the
+motion before t, then decelerating, then at rest. It overshoots only at the steps themselves, see `late`.
+Boxes are intervals of t, with s the place in these, of the time after t, and of each joint's delay and place
+between its extreme accelerations. Over a box each joint has one enclosure: a polynomial of s and of e, the
+place within its interval of times, and an interval of its accelerations. All combinations of the joints are
+in there, of which delays allow each. Plain data and NumPy only.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ _APART = 1e-9  # s: boxes begin so much after the delay, so that no joint of the
 CREEP = 1e-6  # rad/s or m/s: joints that are not faster hold at once
 MOST = 200_000  # boxes
 _CELLS = 8  # of the time before a cancel in which joints may still be
-_LEAF, SPLITS = ".", "taABCDEFGHIJKLMNOPQRSTUVWXYZ"
-"""A box is one of the cover, or it is halved in t, in the time after t, or in the delay of a joint."""
+_LEAF, SPLITS = ".", "taABCDEFGHIJKLMNOPQRSTUVWXYZbcdefghijklmnopqrsuvwxyz"
+"""A box is one of the cover, or it is halved in t, in the time after t, in the delay of a joint, or in its
+acceleration: the delays of n joints have the letters from A on, their accelerations the n after these."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,8 @@ class Boxes:
 
     Attributes:
         piece: (B,) of the motion.
-        low, high: (B, 2 + n) ends of t, in u, of the time after t, s, and of delays, shares of the largest.
+        low, high: (B, 2 + 2 n) ends of t, in u, of the time after t, s, of delays, shares of the largest, and
+            of accelerations, shares of the way from the lowest to the highest possible one.
     """
 
     piece: np.ndarray
@@ -48,10 +50,10 @@ class Boxes:
     def of(
         cls, piece: np.ndarray, t: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray], n: int
     ) -> Boxes:
-        """With all delays of n joints."""
+        """With all delays and accelerations of n joints."""
         ends = zip(t, after, (0.0, 1.0), strict=True)
         low, high = (
-            np.column_stack([when, late, np.full((len(piece), n), share)]) for when, late, share in ends
+            np.column_stack([when, late, np.full((len(piece), 2 * n), share)]) for when, late, share in ends
         )
         return cls(piece, low, high)
 
@@ -138,9 +140,9 @@ class Cancelled:
     def rows(self, boxes: Boxes) -> list[Rows]:
         """The states in boxes, those with about as many joints of unsure accelerations together."""
         intervals, rate = Intervals(self._motion, boxes.piece, *boxes.ends), self._rate
-        delay = self._late.delay
-        first = (boxes.low[:, 1:2] - delay * boxes.high[:, 2:]).T - U  # of each joint, (n, B)
-        last = (boxes.high[:, 1:2] - delay * boxes.low[:, 2:]).T + U
+        delay, delays = self._late.delay, slice(2, 2 + len(rate))
+        first = (boxes.low[:, 1:2] - delay * boxes.high[:, delays]).T - U  # of each joint, (n, B)
+        last = (boxes.high[:, 1:2] - delay * boxes.low[:, delays]).T + U
         low, high = intervals.qd.range
         fastest = np.maximum(high, -low)
         still = fastest <= CREEP
@@ -263,8 +265,10 @@ class Cancelled:
         ahead = last >= 0  # it may have begun to decelerate
         least, most = (np.where(ahead, part, far) for part, far in ((least, np.inf), (most, -np.inf)))
         least, most = np.minimum(least, low), np.maximum(most, high)
-        half = 0.5 * (most - least) * (1 + U) + U * (np.abs(least) + np.abs(most))
-        return 0.5 * (least + most), np.where(most > least, half, 0.0)
+        blur, width = U * (np.abs(least) + np.abs(most)), most - least
+        least, most = (least + width * part[:, 2 + len(width) :].T for part in (boxes.low, boxes.high))
+        half = 0.5 * (most - least) * (1 + U) + 2 * blur
+        return 0.5 * (least + most), np.where(width > 0, half, 0.0)
 
     def _placed(self, states: list[Form], spread: np.ndarray, ends: np.ndarray) -> list[Rows]:
         """Rows of states (n, B): with e of each joint, or one if none is delayed, and e of unsure
