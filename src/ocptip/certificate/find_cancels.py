@@ -38,6 +38,7 @@ ANGLES = "angle_margin_deg_cancel", "position_margin_m_cancel"
 _LONGEST, _SHORTEST = 0.1, 3e-4  # s: of the first boxes, and of those that are not divided
 _AT_ONCE = 300  # boxes
 _MOST = 20_000  # boxes that are checked
+_OF_DELAYS = 0.25, 10.0  # times the whole delay: size of all accelerations of a joint; where friction lacks
 _PATIENT = 40  # rows of each 300 boxes of which the tightest bounds are tried
 _HEAVY = 4_000  # boxes up to which those are divided whose torques are too large, unless they are short
 _SHORT = 2e-3  # s
@@ -158,7 +159,7 @@ class SearchCancels:
                     for name, values in shares.items():
                         most = float(np.max(values[good], initial=done.torques.get(name, 0.0)))
                         done.torques[name] = most
-                    sizes[here, 2:] *= self._relevance(rows, part.terms)
+                    sizes[here, 2:] *= self._relevance(rows, part.terms, part.moments)
                     done.forces += list(np.moveaxis(part.forces[..., good], -1, 0))
                     done.weights += list(np.moveaxis(part.weights[..., good], -1, 0))
                     done.places += [places[k] for k in here[good]]
@@ -227,7 +228,7 @@ class SearchCancels:
                 moments = self._search.sharing.moments(terms)
                 good = moments >= self._contacts.needed if tips else self._good(self._search.checked(rows))
                 margins[rows.number] = np.where(good, np.inf, np.minimum(moments, _LARGE))
-                sizes[rows.number, 2:] *= self._relevance(rows, terms)
+                sizes[rows.number, 2:] *= self._relevance(rows, terms, moments)
             worst = np.argsort(margins)[: int(np.any(np.isfinite(margins)))]
             boxes, sizes, margins = halves.some(worst), sizes[worst], margins[worst]
         return boxes, margins
@@ -253,7 +254,7 @@ class SearchCancels:
         return boxes.some(going), [places[k] for k in going if places]
 
     def _sizes(self, boxes: Boxes) -> np.ndarray:
-        """(B, 2 + n) s: of t, of the time after it, and of delays as far as these may be divided."""
+        """(B, 2 + 2 n) s: of t, of the time after it, and of delays and accelerations."""
         begin, end = np.array(self._motion["times"])[boxes.piece].T
         sizes = boxes.high - boxes.low
         sizes[:, 0] *= 0.5 * (end - begin)
@@ -261,17 +262,20 @@ class SearchCancels:
         sizes[:, len(SPLITS) :] = 0.0
         return sizes
 
-    def _relevance(self, rows: Rows, terms: Terms) -> np.ndarray:
-        """(R, n): how much of the moments comes from what delays of joints may do, 1 of the most."""
+    def _relevance(self, rows: Rows, terms: Terms, moments: np.ndarray) -> np.ndarray:
+        """(R, 2 n): how much of the moments delays of joints may change, and accelerations, 1 of the most."""
         n, m = len(rows.q.r), terms.numbers
         if m < n:  # no joint is delayed
-            return np.zeros((len(rows.number), n))
+            return np.zeros((len(rows.number), 2 * n))
         wrenches = np.einsum(
             "t,ktir->kir", 0.5 * (terms.low + terms.high), terms.needed(terms.parts.c[K : K + m])
         )
         tips = np.max(np.abs(np.einsum("ai,kir->akr", self._contacts.axes, wrenches)), axis=0)
-        of_joint = tips[:n] + np.einsum("kr,kjr->jr", tips[n:], rows.qdd.c[K + n : K + m] != 0)
-        return (of_joint / np.maximum(np.max(of_joint, axis=0), 1e-300)).T
+        unsure = np.einsum("kr,kjr->jr", tips[n:], rows.qdd.c[K + n : K + m] != 0)
+        most = np.maximum(np.max(tips[:n] + unsure, axis=0), 1e-300)
+        tipping, slipping = _OF_DELAYS
+        share = np.where(moments >= self._contacts.needed, slipping, tipping)
+        return (np.concatenate([tips[:n] + unsure, share * unsure]) / most).T
 
     def _halved(
         self, boxes: Boxes, places: list[tuple[int, str]], which: np.ndarray
