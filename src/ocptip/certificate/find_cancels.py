@@ -38,6 +38,7 @@ ANGLES = "angle_margin_deg_cancel", "position_margin_m_cancel"
 _LONGEST, _SHORTEST = 0.1, 3e-4  # s: of the first boxes, and of those that are not divided
 _AT_ONCE = 300  # boxes
 _MOST = 20_000  # boxes that are checked
+_MOST_SHARED = 600  # of these, boxes of which other shares of the load are tried, which takes long
 _OF_DELAYS = 0.25, 10.0  # times the whole delay: size of all accelerations of a joint; where friction lacks
 _PATIENT = 40  # rows of each 300 boxes of which the tightest bounds are tried
 _HEAVY = 4_000  # boxes up to which those are divided whose torques are too large, unless they are short
@@ -140,6 +141,7 @@ class SearchCancels:
         self._cancelled = Cancelled(motion, model[DECELERATIONS], search.sharing.late)
         self._limits, self._contacts = limits_of(model), search.sharing.contacts
         self._splits: dict[tuple[int, str], str] = {}
+        self._shared = 0
 
     def claims(self) -> SearchedClaims:
         """The bounds, by the names of those within a tolerance, and the cover; or what is short."""
@@ -173,7 +175,7 @@ class SearchCancels:
             lost, by = self._lost(boxes.some(worst), sizes[worst], margins[worst])
             if len(lost.piece):
                 return SearchedClaims({}, {}, self._short(lost, by))
-            if total + 2 * len(left) > _MOST:
+            if total + 2 * len(left) > _MOST or self._shared > _MOST_SHARED:
                 return SearchedClaims({}, {}, self._short(boxes.some(left), margins[left]))
             which = np.argmax(sizes[left], axis=1)
             boxes, places = self._halved(boxes.some(left), [places[k] for k in left], which)
@@ -200,6 +202,7 @@ class SearchCancels:
         share; the factor that presses all contacts most is kept. Forces and weights of these change in place.
         """
         sharing, count = self._search.sharing, self._contacts.count
+        self._shared += len(rows)
         less = np.ones((len(_LESS), count, count))
         less[:, np.arange(count), np.arange(count)] = np.array(_LESS)[:, None]
         less = less.reshape(-1, count).T[:, None, :, None]  # (contacts, 1, tries, 1)

@@ -53,7 +53,10 @@ _WORDS = {
     "tip-over": ("tipping", "planning with lower --gn and --gt may help"),
     "torque": ("joint torques", "planning with a lower --torque-ratio may help"),
     "clearance": ("clearance", "planning with a larger --clearance may help"),
-    CANCELS: ("contacts when cancelled", "planning with --stop-safe cancel, or a gentler cancel, may help"),
+    CANCELS: (
+        "contacts when cancelled",
+        "planning with --stop-safe cancel, a gentler cancel, or a motion 2 to 5 % slower may help",
+    ),
 }
 """Names of claims, and what helps where they are not proved."""
 _BY_SLOWER = "a slower motion may help"
