@@ -39,7 +39,7 @@ class Boxes:
     Attributes:
         piece: (B,) of the motion.
         low, high: (B, 2 + 2 n) ends of t, in u, of the time after t, s, of delays, shares of the largest, and
-            of accelerations, shares of the way from the lowest to the highest possible one.
+            of accelerations, shares from the lowest to the highest possible one.
     """
 
     piece: np.ndarray
