@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import sys
 from dataclasses import replace
 from itertools import combinations
 
@@ -33,6 +34,16 @@ def test_cells_hold_the_smallest_and_the_largest_payload_of_their_postures(chart
             inside = np.all([(a <= v) & (v < b) for (a, b), v in zip(ends, places.T, strict=True)], axis=0)
             assert one.postures == inside.sum()
             assert (one.any_posture, one.best_posture) == (masses[inside].min(), masses[inside].max())
+
+
+def test_blocks_of_postures_are_one_chart(chart, monkeypatch):
+    monkeypatch.setattr(sys.modules["ocptip.api.chart"], "_BLOCK", 100)
+    done = []
+    how = {"samples": 600, "levels": [0.0, 2.0, 4.0], "uncertainty": "none"}
+    found = ocptip.chart(TASK, **how, progress=lambda *state: done.append(state))
+    assert np.array_equal(found.largest.levels, chart.largest.levels)
+    assert done[-1] == (len(chart.q), len(chart.q), None)
+    assert len(done) == -(-len(chart.q) // 100)
 
 
 def test_reaches_are_those_of_postures(chart):

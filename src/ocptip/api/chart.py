@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, SPEED, DesignLeve
 
 SAMPLES, SECTORS = 10_000, 8
 KINDS = ("payload", "tilt", "push")
+_BLOCK = 500  # postures between two reports of progress
 _QUANTILES = (0.1, 0.3, 0.6, 0.9)
 """Levels of the reaches, as shares of the postures that do not keep them."""
 
@@ -44,6 +45,7 @@ def chart(
     ballast: Sequence[float] = (),
     foot_width: Sequence[float] = (),
     speed_override: Sequence[float] = (),
+    progress: Callable[[int, int, None], None] | None = None,
 ) -> LoadChart:
     """Return the largest payload, tilt of the floor or push over reach, height and azimuth of the TCP.
 
@@ -75,6 +77,7 @@ def chart(
         ballast: kg at the centre of mass of the base, for each of which levels are also computed.
         foot_width: factors on the horizontal distances of the contacts from their middle, likewise.
         speed_override: factors on the joint speeds; accelerations by their squares, likewise.
+        progress: called as progress(done, postures, None).
 
     Raises:
         InputError: the robot is no arm, or a value cannot be used.
@@ -106,10 +109,20 @@ def chart(
     gaps = robot.collision.gaps(drawn, limits.clearance)
     q = drawn[np.all(gaps >= limits.clearance, axis=1)]
 
+    total, ready = len(q) * (1 + len(ballast) + len(foot_width) + len(speed_override)), 0
+
     def kept(support: Support, override: float = 1.0) -> LargestLevels:
-        raised = _raised(of, robot.varied(support=support), q, push_height)
-        top = raised.most if most is None else positive_number("most", most) / raised.scale
-        return largest_levels_kept(raised, limits, q, top, _box(robot, limits, shares, override))
+        nonlocal ready
+        standing, box, parts = robot.varied(support=support), _box(robot, limits, shares, override), []
+        for begin in range(0, max(len(q), 1), _BLOCK):
+            block = q[begin : begin + _BLOCK]
+            raised = _raised(of, standing, block, push_height)
+            top = raised.most if most is None else positive_number("most", most) / raised.scale
+            parts.append(largest_levels_kept(raised, limits, block, top, box))
+            ready += len(block)
+            if progress is not None:
+                progress(ready, total, None)
+        return LargestLevels.joined(parts)
 
     support, raised = robot.support, _raised(of, robot, q, push_height)
     largest = kept(support)

@@ -125,16 +125,20 @@ def _roots(lines: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _number_joints(ax: Any, line: np.ndarray) -> None:
-    """Numbers at the joints of an arm; joints that lie close to each other share a text."""
-    places: list[tuple[np.ndarray, list[str]]] = []
-    near = 0.1 * float(np.max(np.ptp(line, axis=0)))
-    for number, point in enumerate(line[1:-1], 1):
-        if places and np.linalg.norm(places[-1][0] - point) < near:
-            places[-1][1].append(f"{number}")
+    """Numbers at the joints of an arm; a joint close to an earlier one shares its text: wrists fold."""
+    groups: list[list[int]] = []
+    near = 0.2 * float(np.max(np.ptp(line, axis=0)))
+    for joint, point in enumerate(line[1:-1], 1):
+        beside = (group for group in groups if np.linalg.norm(line[group[0]] - point) < near)
+        group = next(beside, None)
+        if group is None:
+            groups.append([joint])
         else:
-            places.append((point, [f"{number}"]))
-    for point, numbers in places:
-        _write(ax, ", ".join(numbers), point, np.array([9.0, 5.0]))
+            group.append(joint)
+    for group in groups:
+        text = ", ".join(map(str, group))
+        rightmost = line[max(group, key=lambda joint: line[joint, 0])]
+        _write(ax, text, rightmost, np.array([6.0 + 2.5 * len(text), 5.0]))
     _write(ax, "TCP", line[-1], np.array([0.0, -10.0]))
 
 

@@ -70,6 +70,15 @@ def test_at_the_largest_tilt_the_moment_is_the_smallest_allowed(kit):
         assert least == pytest.approx(need, abs=1e-9 * robot.mass)
 
 
+def test_postures_whose_torques_are_too_large_on_a_level_floor_keep_no_tilt(kit):
+    """Where the torques of all others allow the largest tilt, none is left to be searched."""
+    robot, limits = kit
+    q = random_postures(robot.arm, 20)
+    found = largest_levels_kept(RaisedTilt(robot), replace(limits, torque_ratio=1e-6), q, np.pi / 3)
+    assert not found.kept_at_zero.any()
+    assert (found.levels == 0).all()
+
+
 @pytest.mark.parametrize("height", [None, 0.7])
 def test_at_the_largest_push_the_moment_is_the_smallest_allowed(kit, height):
     robot, limits = kit

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,6 +16,7 @@ from ocptip.basics.text import quantity, table
 from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import masses, named, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
+from ocptip.cli.terminal import Progress
 from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, SPEED
 
 _COLUMNS = 8  # of a table of 80 characters
@@ -35,7 +37,8 @@ def run(options: Namespace) -> ChartReport:
     same = "of push_height joint_speed joint_acceleration levels cell most ballast foot_width speed_override"
     with naming_options(*same.split()):
         given = taken(options, f"samples seed sectors {same}")
-        load_chart = chart(task, uncertainty=given_tolerance(options), **given)
+        with Progress(sys.stderr, "drawing postures ...", what="postures") as progress:
+            load_chart = chart(task, uncertainty=given_tolerance(options), progress=progress, **given)
     return ChartReport(
         load_chart, folder, not options.no_figures, yes=bool(load_chart.largest.kept_at_zero.any())
     )

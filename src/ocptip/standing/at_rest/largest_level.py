@@ -9,7 +9,7 @@ few steps, because what is worst changes at few masses.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -37,6 +37,7 @@ _SAME = 1e-6  # cosines: a facet that is a tipping axis
 _PRODUCTS = 3.0  # times all relative deviations: what their products add, at most, to the sum of changes
 _SHIFTED = 0.1  # of what motion adds: covers a payload that is elsewhere
 _AT_ONCE = 8  # facets of a posture that are evaluated exactly, the nearest first
+_FIRST = 24  # facets of a posture of which the worst case is bounded before all others
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +55,16 @@ class LargestLevels:
     limits: np.ndarray
     names: tuple[str, ...]
     kept_at_zero: np.ndarray
+
+    @classmethod
+    def joined(cls, parts: Sequence[LargestLevels]) -> LargestLevels:
+        """The levels of all postures of parts with the same limits, one or more."""
+        arrays = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("levels", "limits", "kept_at_zero")
+        )
+        levels, limits, kept = arrays
+        return cls(levels, limits, parts[0].names, kept)
 
 
 def largest_levels_kept(
@@ -326,16 +337,30 @@ class _LevelSearch:
         if box := self.box:
             parts, factor = self._motion(box, loaded, rows)
             rough += factor * box.most(parts, facets)
-        n, k = np.nonzero((rough > 0) & ~kept[rows])
-        some = self.raised.raised(cases, self.levels[rows[n]])
-        worst = beyond[n, k] + self._spread(some, over[n], -facets[k])
-        if box:
-            worst -= factor * box.least((parts[0][n], parts[1][n]), -facets[k])[1]
+        near = (rough > 0) & ~kept[rows]
+        # Most of many facets are far beyond at a large level: those that may be broken most come first, the
+        # others only where none of these is broken.
+        first = np.zeros_like(near)
+        order = np.argpartition(np.where(near, -rough, np.inf), min(_FIRST, near.shape[1]) - 1, axis=1)
+        np.put_along_axis(first, order[:, :_FIRST], True, axis=1)
+
+        def broken(pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            n, k = np.nonzero(pairs)
+            some = self.raised.raised(cases, self.levels[rows[n]])
+            worst = beyond[n, k] + self._spread(some, over[n], -facets[k])
+            if box:
+                worst -= factor * box.least((parts[0][n], parts[1][n]), -facets[k])[1]
+            return n[worst > 0], k[worst > 0], worst[worst > 0]
+
+        n, k, worst = broken(near & first)
+        left = near & ~first
+        left[n] = False
+        if left.any():
+            n, k, worst = (np.concatenate(both) for both in zip((n, k, worst), broken(left), strict=True))
         order = np.lexsort((-worst, n))
-        n, k, worst = n[order], k[order], worst[order]
-        place = np.arange(len(n)) - np.searchsorted(n, n)
-        near = (worst > 0) & (place < _AT_ONCE)
-        return rows[n[near]], k[near]
+        n, k = n[order], k[order]
+        nearest = np.arange(len(n)) - np.searchsorted(n, n) < _AT_ONCE
+        return rows[n[nearest]], k[nearest]
 
     def _tilted(self, deviations: Deviations, over: np.ndarray, facets: np.ndarray) -> np.ndarray:
         """(k, R) by how much a tilted floor moves wrenches beyond facets; over (k, 6, 3) gravity."""
@@ -392,6 +417,8 @@ class _LevelSearch:
         held = below <= _CLOSE
         self._lower(rows[~held], np.full(len(rows), -1.0)[~held], which[~held])
         rows, below, above = rows[held], below[held], above[held]
+        if not len(rows):
+            return
         if not self.raised.convex:
             low, high = np.zeros(len(rows)), self.levels[rows]
             low, high = borders(lambda levels: excess(rows, levels)[0] <= 0, low, high, _HALVINGS)
