@@ -34,6 +34,7 @@ def parsed(line):
         ("rate --workspace x=-1:1 y=0:1 6UPS", {"robot": "6UPS", "workspace": ["x=-1:1", "y=0:1"]}),
         ("rate --index dm_2 ctn 6UPS", {"robot": "6UPS", "index": ["dm_2", "ctn"]}),
         ("parallel --modes 1 2 3RRR", {"robot": "3RRR", "modes": [1.0, 2.0]}),
+        ("stand TASK --posture -80,20,0", {"scene": "TASK", "posture": "-80,20,0"}),
         ("check --stops -- -PLAN", {"motion": "-PLAN", "stops": "both"}),
     ],
 )

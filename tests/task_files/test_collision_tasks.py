@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.motion.check import check_motion
+from ocptip.motion.check import NO_PAYLOAD, check_motion, scope_of
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import refusals
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.search.physics import PatchPhysics
 from ocptip.robots.geometry import Solid
+from ocptip.robots.payload import Payload
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.placement import load_placement
 from ocptip.trajectories.ramps import RampCommand
@@ -94,6 +95,10 @@ def test_start_and_goal_are_free_and_say_what_is_checked(task):
     data = task.robot.collision.to_dict(task.start)
     assert data["checked"]
     assert data["source"] == "collision geometry of ur5_with_collision.urdf"
+    assert data["payload_unseen"] == (task.robot.payload is not None) == bool(scope_of(data))
+    arm = task.robot.arm.with_payload(Payload(1.0, np.zeros(3)))
+    data = task.robot.varied(arm=arm).collision.to_dict()
+    assert scope_of(data) == NO_PAYLOAD
     assert data["pairs"] == len(task.robot.collision.labels) > 10
     assert {"pair": ["forearm_link", "upper_arm_link"], "reason": "neighbours"} in data["left_out"]
 

@@ -14,6 +14,7 @@ from ocptip.api.chart import KINDS, chart
 from ocptip.api.drive import drive
 from ocptip.api.results.chart import LoadChart
 from ocptip.api.results.drive import DriveEnvelope
+from ocptip.api.tasks import load_task
 from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
 from ocptip.contact.bindings.wheel import DrivenWheel
@@ -44,7 +45,6 @@ from ocptip.standing.at_rest.load_cases import (
 from ocptip.standing.margins import Margins
 from ocptip.standing.parts import Part
 from ocptip.standing.tolerance import NONE
-from ocptip.task_files.cycle import read_task
 from ocptip.task_files.option_files import load_asked
 from ocptip.task_files.plan_folder import PlanFolder, arms_of, read_plan_folder
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
@@ -72,7 +72,7 @@ def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stabili
     """
     path = Path(what)
     folder = read_plan_folder(path) if path.is_dir() else None
-    task = folder.task if folder else read_task(path)
+    task = folder.task if folder else load_task(path)
     # At rest the verdict is of the base alone; that of a motion includes objects.
     robots = arms_of(task, "report is about", path, objects=folder is not None)
     if folder is not None:

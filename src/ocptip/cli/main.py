@@ -64,7 +64,11 @@ class _Parser(argparse.ArgumentParser):
             if not _is_option(words[first]):
                 positional.append(words[first])
                 continue
-            if action := actions.get(words[first]):
+            if (action := actions.get(words[first])) and k < end and _takes_one(action, words[k]):
+                options.append(f"{words[first]}={words[k]}")  # `argparse` takes "-80,20" for an option
+                k += 1
+                continue
+            if action:
                 k = min(k + self._count_values(action, words[k:end]), end)
             options += words[first:k]
         return (
@@ -94,6 +98,15 @@ def _near_option(word: str, parser: argparse.ArgumentParser) -> str:
 def _is_option(word: str) -> bool:
     """Whether a word is an option, not a negative number or a name."""
     return word.startswith("-") and len(word) > 1 and not word[1].isdigit() and word[1] != "."
+
+
+def _takes_one(action: argparse.Action, word: str) -> bool:
+    """Whether a word that begins like a negative number is the one value of a long option."""
+    return action.nargs is None and action.option_strings[0].startswith("--") and _is_negative(word)
+
+
+def _is_negative(word: str) -> bool:
+    return word.startswith("-") and len(word) > 1 and not _is_option(word)
 
 
 class _Version(argparse.Action):

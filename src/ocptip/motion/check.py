@@ -48,6 +48,9 @@ NO_COLLISION = " (contacts and drives; collision not checked)"
 NO_FLOOR = " (no floor: what reaches below the contacts is not checked)"
 """Follows verdicts where no floor is an obstacle."""
 
+NO_PAYLOAD = " (collisions of the payload not checked: it has no [payload.shape])"
+"""Follows verdicts where what the gripper holds has no solid."""
+
 OF_PATH = ("clearance_m", "angle_margin_deg", "position_margin_m")
 """Worst values that no timing of a path changes."""
 
@@ -66,7 +69,7 @@ def scope_of(collision: dict[str, Any]) -> str:
     """The scope of a collision check (`Collisions.to_dict`): what was left out, in words after a verdict."""
     if not collision["checked"]:
         return NO_COLLISION
-    return "" if collision["floor"] else NO_FLOOR
+    return NO_FLOOR * (not collision["floor"]) + NO_PAYLOAD * collision["payload_unseen"]
 
 
 def floor_text(collision: dict[str, Any]) -> str:

@@ -294,6 +294,10 @@ def _payload() -> Iterator[str]:
     yield "# [payload]  # what the gripper holds; without this table nothing"
     yield "# mass = 2.0  # kg"
     yield "# center_of_mass = [0.0, 0.0, 0.1]  # m: from the origin of tool_frame, its axes"
+    yield "# [payload.shape]  # its solid; without one collisions of the payload are not checked"
+    yield '# kind = "box"'
+    yield "# size = [0.1, 0.1, 0.2]  # m"
+    yield "# position = [0.0, 0.0, 0.1]  # m: of its centre, likewise"
 
 
 def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:

@@ -346,5 +346,6 @@ def _refuse_cut(times: np.ndarray, angles: np.ndarray) -> None:
             joint = int(np.argmax(moving))
             raise InputError(
                 f"the motion {verb} before it rests: between the {where} two rows joint {joint + 1} moves "
-                f"with {abs(speeds[end, joint]):.4g} rad/s (or m/s); is the file cut off?"
+                f"with {abs(speeds[end, joint]):.4g} rad/s (or m/s); is the file cut off? Else add a row "
+                f"{'before' if end == 0 else 'after'} it with the same positions"
             )

@@ -106,6 +106,8 @@ def test_a_posture_that_tips_the_base_or_breaks_limits(capsys, tmp_path):
     code, data = answered(capsys, "--posture", "0,0,0,0,0,0", task=light)
     assert code == 1
     assert not data["persistent"]
+    assert main(["stand", str(light), "--posture", "-400,0,0,0,0,0"]) == 1
+    assert ", AND THE ARM CANNOT REST THERE." in " ".join(capsys.readouterr().out.split())
     assert main(["stand", str(TASK), "--posture", "400,-10,0,0,0,0"]) == 1
     text = capsys.readouterr().out
     assert "in the given posture   STABLE" in text

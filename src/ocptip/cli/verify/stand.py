@@ -134,7 +134,7 @@ class StandReport(GatedReport):
             join, be = "AND" if lost else "BUT", "IS" if len(names) == 1 else "ARE"
             verdict += f", {join} {some(names, 3)} {be} NOT STABLE{' AT ALL' if lost else ''}"
         if self.broken:
-            verdict += ", BUT THE ARM CANNOT REST THERE"
+            verdict += f", {'BUT' if result.stable else 'AND'} THE ARM CANNOT REST THERE"
         return f"{result.scene.name}   {verdict}.{remark[:2].upper()}{remark[2:]}"
 
     def _answer(self) -> str:

@@ -75,12 +75,14 @@ class Collisions:
         floors: name, upward normal (3,) and level (m, along it) of each floor among the obstacles.
         apart: pairs of names that are left out, with the reason.
         links: names of links, pairs of which `excluded_links` may leave out.
+        payload_unseen: the arm holds a payload without a solid.
     """
 
     labels: tuple[GapLabel, ...] = ()
     source = ""
     floors: tuple[tuple[str, np.ndarray, float], ...] = ()
     links: frozenset[str] = frozenset()
+    payload_unseen = False
     apart: dict[frozenset[str], str]
 
     def __init__(self, n: int) -> None:
@@ -196,6 +198,7 @@ class Collisions:
         data["unseen"] = [
             sorted(pair) for pair, why in self.apart.items() if why.startswith((UNSEEN, MEETING))
         ]
+        data["payload_unseen"] = self.payload_unseen
         data["left_out"] = [{"pair": sorted(pair), "reason": why} for pair, why in self.apart.items()]
         if q is not None:
             result = self.nearest(q[None])

@@ -77,6 +77,8 @@ class ShapeCollisions(Collisions):
         self.of_arm, self.of_base = len(solids), len(fixed)
         self.of_links = sum(not shape.carried for shape in geometry.shapes)
         self.links = frozenset(name for name, *_ in solids[: self.of_links]) if arm.geometry else frozenset()
+        held = arm.payload is not None and arm.payload.mass > 0
+        self.payload_unseen = held and arm.geometry is not None and self.of_links == self.of_arm
         bodies = [s.body for s in geometry.shapes]
         self.apart = {}
         mounted = [self._links(bodies, 2), range(len(solids), len(solids) + len(fixed))]
