@@ -166,7 +166,7 @@ class SafeDecelerations:
             remedy = "" if unhelpful else ", or plan with --stop-safe cancel"
             return "" if self.hardest.safe else f". Set that in the controller{remedy}"
         if any(broken.name == CLEARANCE for broken in self.hardest.broken):
-            also = "" if self.hardest.broken[0].name == CLEARANCE else "; clearance is broken, too"
+            also = "" if self.hardest.broken[0].name == CLEARANCE else "; clearance is also broken"
             return f"{also}. Plans keep no clearance in cancels: plan with a larger --clearance, then check"
         gentle = f" --deceleration {100 * self.gentlest:g}%" if self.gentlest else ""
         to_plan = f". To plan for it, try ocptip plan with --stop-safe cancel{gentle}"
