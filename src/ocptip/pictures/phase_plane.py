@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ocptip.motion.motion_plan import MotionPlan
     from ocptip.retiming.retime import Retimed
 
+_SAME = 5e-4  # s
 HEIGHT = 1.6  # times the largest speed, up to which the limits are drawn
 SAMPLES = 400
 _QUANTITIES = {
@@ -90,6 +91,8 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
         "place s on the path, 0: start, 1: goal [-]",
     )  # fmt: skip
     word = "" if timed.check.verified else ", NOT verified"
+    run = plan.check.duration
+    word += f"; as it is run {run:.3f} s" if abs(run - timed.motion.end) > _SAME else ""
     style.head(figure, f"{plan.task.name}: speed along the path, {timed.motion.end:.3f} s{word}")
     return figure
 

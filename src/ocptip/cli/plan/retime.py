@@ -68,6 +68,11 @@ class RetimeReport(PlanReport):
         before = [timing.before.duration for timing in timings if timing.before]
         given = f", as given {sum(before):.3f} s" if len(before) == len(timings) else ""
         kind = _WORDS[timings[0].task.objective.name]
+        # Both slowdowns: of the timing by its check, and of what a controller makes of it.
+        run = sum(one.plan.check.duration for one in timings)
+        slower = run / sum(one.timed.motion.end / one.timed.slower for one in timings)
+        if slower >= _WORTH_SAYING:
+            kind += f", then {100 * (slower - 1):.1f} % slower, so that all limits hold"
         motion = f"Motion  {checked.duration:.3f} s ({kind}{given})   {quantity(checked.energy, 'J')}"
         paths = wrapped("Path", [text for title, text in self.details() if title == "path"])
         slowed = wrapped("Slowed", [text for timing in timings if (text := slowed_text(timing))])
