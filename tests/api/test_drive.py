@@ -52,6 +52,24 @@ def test_manoeuvres_end_where_stand_changes(envelope):
         assert holds(envelope, motion) == expected
 
 
+def test_a_base_that_tips_at_rest_has_no_envelope(capsys, tmp_path):
+    out = tmp_path / "drive"
+    assert main(["drive", str(TASK), "--payload", "200", "--no-figures", "--out", str(out)]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert "NOT STABLE AT REST, THE BASE MUST NOT DRIVE, AND THE ARM CANNOT REST THERE" in text
+    assert "reverse" not in text
+    assert not (out / "nav2.yaml").exists()
+    data = json.loads((out / "drive.json").read_text(encoding="utf-8"))
+    assert not data["stands"]
+    assert any("torque" in reason for reason in data["broken"])
+
+
+def test_an_arm_that_cannot_rest_is_said_beside_the_envelope(capsys, tmp_path):
+    line = ["drive", str(TASK), "--posture", "0,0,0,0,0,0", "--payload", "7", "--no-figures"]
+    assert main([*line, "--tolerance", "none", "--out", str(tmp_path / "drive")]) == 1
+    assert "DRIVE ENVELOPE, BUT THE ARM CANNOT REST THERE" in " ".join(capsys.readouterr().out.split())
+
+
 def test_slopes_help_or_harm(envelope):
     level, down, up = (envelope.limit(key) for key in ("brake", "brake_downhill", "brake_uphill"))
     assert down < level < up

@@ -17,7 +17,9 @@ from ocptip.basics.errors import InputError, positive_number, whole_number
 from ocptip.motion.cycles.task import Task
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.refusals import own_refusals
 from ocptip.standing.at_rest.stow_pose import StowSearch
+from ocptip.standing.instants import Instants
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.tolerable import AT_REST
@@ -113,9 +115,10 @@ def drive(
         name = f"{cast(Task, what).name} in motion"
         return DriveEnvelope(name, robot.driving(None), moves.start, tolerance, counting, given, moves)
     if not stow:
-        return DriveEnvelope(
-            posture.scene.name, robot, posture.q, tolerance, counting, given, choice=posture.choice
-        )
+        rests = Instants.at_rest(robot, posture.q[None])
+        about = posture.scene.name, robot, posture.q, tolerance, counting, given
+        broken = tuple(own_refusals(robot, posture.limits, rests))
+        return DriveEnvelope(*about, choice=posture.choice, broken=broken)
     search = StowSearch(robot, posture.limits)
     drawn = np.vstack([posture.q, halton_postures(robot, posture.limits, samples, seed)])
     name = posture.scene.name.removesuffix(f" at {posture.name}") + " in its stow pose"

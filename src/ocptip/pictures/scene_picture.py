@@ -17,6 +17,7 @@ from ocptip.reserves.slip import SlipReserve
 from ocptip.reserves.tipping import TipOverReserve
 from ocptip.task_files.scene import Scene
 
+_ROUNDING = 1e-9  # of the friction used
 _SCALES = (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 
 
@@ -158,6 +159,7 @@ class ScenePicture:
 def margin_texts(tip: TipOverReserve, slip: SlipReserve, k: int) -> list[str]:
     """Tipping margin and friction used in state k, as far as it has them."""
     GT, texts = float(slip.GT[k]), []
+    GT = 0.0 if GT < _ROUNDING else GT
     if (nearest := int(tip.nearest_axis[k])) >= 0:
         texts.append(f"tipping margin {quantity(max(float(tip.moments[k, nearest]), 0.0), 'N m', 3)}")
     if math.isfinite(GT):  # rounded to 100 %, a value below could contradict the verdict

@@ -242,7 +242,7 @@ class Robot(StandingMechanism):
         process = () if self.arm.process is None else (f"process: {self.arm.process}",)
         usual, pair = self._usual_clearance
         near = () if pair is None else (
-            f"clearance: {1e3 * usual:.1f} mm where none is given, for {pair} are never "
+            f"clearance: {1e3 * usual:.1f} mm unless `[limits]` gives one, for {pair} are never "
             f"farther apart than {2e3 * usual:.1f} mm",
         )  # fmt: skip
         drives = () if self.drive_profile is None else self.drive_profile.notes

@@ -61,6 +61,7 @@ class DriveEnvelope(SavedFolder):
         motion: of the arm; None: it rests.
         interface: of the robot's `interfaces`, whose contacts limit manoeuvres; 0: the base.
         choice: that the posture is one of several of its pose, one sentence; else empty.
+        broken: why the arm cannot rest in the posture: torques, angles, clearance.
     """
 
     data_file = "drive.json"
@@ -73,6 +74,12 @@ class DriveEnvelope(SavedFolder):
     motion: Trajectory | None = None
     interface: int = 0
     choice: str = ""
+    broken: tuple[str, ...] = ()
+
+    @property
+    def stands(self) -> bool:
+        """The base stands in the posture, so that it may accelerate in all directions."""
+        return self.worst_direction[0] > 0
 
     @cached_property
     def angles(self) -> np.ndarray:
@@ -407,6 +414,8 @@ class DriveEnvelope(SavedFolder):
         return {
             "posture": self.name,
             **({"choice": self.choice} if self.choice else {}),
+            "stands": self.stands,
+            "broken": list(self.broken),
             "scope": self.scope,
             "assumed": ASSUMED,
             "not_covered": list(self.not_covered),
@@ -438,10 +447,12 @@ class DriveEnvelope(SavedFolder):
         return smoother_yaml(remarks, self.navigation)
 
     def contents(self, figures: bool) -> dict[str, bytes]:
-        """drive.csv, nav2.yaml and drive.png."""
+        """drive.csv, drive.png, and nav2.yaml where the base may drive."""
         limits = {"": self.limits, **{name: envelope.limits for name, envelope in self.objects.items()}}
         rows = limits_csv(limits, ["nominal", *(["within"] if self.within else [])])
-        files = {"drive.csv": rows.encode(), "nav2.yaml": self.to_yaml().encode()}
+        files = {"drive.csv": rows.encode()}
+        if self.stands:
+            files["nav2.yaml"] = self.to_yaml().encode()
         if figures:
             feet = np.array([contact.position for contact in self.robot.support.contacts])
             objects = {name: carried.worst for name, carried in self.objects.items()}

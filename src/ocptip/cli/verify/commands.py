@@ -231,7 +231,7 @@ COMMANDS = (
         "Computes the largest acceleration of the base by direction with the arm at rest in a posture, the "
         "largest braking on level ground and slopes, turning speeds and emergency stops. Writes text, JSON, "
         "CSV, a figure and parameters for Nav2. Of a plan: at the worst instants of its motion.",
-        "0 computed, 1 the base cannot accelerate in some direction",
+        "0 computed, 1 the base or the arm cannot rest there",
         (
             argument("task", "TASK.toml|PLAN_DIR", "task file of an arm on a mobile base; folder of a plan"),
             argument(

@@ -35,9 +35,8 @@ def run(options: Namespace) -> DriveReport:
         given["slope"] = np.radians(given["slope"])
         drive_envelope = drive(posture, STOW if stow else None, uncertainty=given_tolerance(options), **given)
         _ = drive_envelope.worst  # refusals name options
-    return DriveReport(
-        drive_envelope, folder, not options.no_figures, yes=drive_envelope.worst_direction[0] > 0
-    )
+    yes = drive_envelope.stands and not drive_envelope.broken
+    return DriveReport(drive_envelope, folder, not options.no_figures, yes=yes)
 
 
 @dataclass
@@ -50,18 +49,22 @@ class DriveReport(FolderReport):
         """The manoeuvres with what limits them, and parameters for navigation."""
         result = self.result
         value, held = result.worst_direction[0], result.robot.payload
-        head = f"{result.name}   DRIVE ENVELOPE, {result.scope}."
+        verdict = "DRIVE ENVELOPE" if result.stands else "NOT STABLE AT REST, THE BASE MUST NOT DRIVE"
+        if result.broken:
+            verdict += f", {'BUT' if result.stands else 'AND'} THE ARM CANNOT REST THERE"
+        head = f"{result.name}   {verdict}, {result.scope}."
         rows = envelope_rows(result)
         lines = [
             self._arm(),
+            *under("broken", result.broken),
             *([("note", result.choice)] if result.choice else []),
             *([("payload", f"{quantity(held.mass, 'kg')} ({held})")] if held else []),
             ("worst direction", f"{_down(value)} m/s^2 {result.worst_direction_words}"),
-            *([("first contact", result.first_lift)] if result.first_lift else []),
-            ("locked wheels", self._locked()),
+            *([("first contact", result.first_lift)] if result.first_lift and result.stands else []),
+            *([("locked wheels", self._locked())] if result.stands else []),
             *under("stops", result.stops),
             *([("steps", f"{result.steps}: counted in the worst case")] if result.steps else []),
-            *under("nav2.yaml", [*self._together(), result.together, result.reverse, result.ground]),
+            *(under("nav2.yaml", self._navigation()) if result.stands else []),
             ("assumed", ASSUMED),
             *([("robot", masses(result.robot))] if self.verbose else []),
             *under("uncertainty", result.tolerance.lines() if self.verbose else []),
@@ -91,6 +94,9 @@ class DriveReport(FolderReport):
             return f"tip the base {when} on level ground, before they slide"
         when = "in any direction" if result.given.holonomic else when
         return f"slide before the base tips {when} on level ground, with the given friction"
+
+    def _navigation(self) -> list[str]:
+        return [*self._together(), self.result.together, self.result.reverse, self.result.ground]
 
     def _together(self) -> list[str]:
         names = {"max_velocity": ("m/s", "rad/s"), "max_accel": ("m/s^2", "rad/s^2")}

@@ -7,7 +7,7 @@ from argparse import Namespace
 import numpy as np
 
 from ocptip.api.inputs.postures import RestingPosture, resting_posture, rests_of, task_at_rest
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, doubt_degrees
 from ocptip.basics.text import did_you_mean
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.standing.mechanism import StandingMechanism
@@ -74,4 +74,5 @@ def _values(robot: StandingMechanism, text: str, names: list[str]) -> np.ndarray
             f"--posture: expected {robot.n} finite numbers ({', '.join(robot.names)}), got {text!r}"
         )
     in_degrees = (robot.arm is not None) & (np.array(robot.units) == "rad")
+    doubt_degrees("--posture", values[in_degrees].tolist())
     return np.where(in_degrees, np.deg2rad(values), values)
