@@ -61,7 +61,7 @@ def test_a_base_that_tips_at_rest_has_no_envelope(capsys, tmp_path):
     assert not (out / "nav2.yaml").exists()
     data = json.loads((out / "drive.json").read_text(encoding="utf-8"))
     assert not data["stands"]
-    assert any("torque" in reason for reason in data["broken"])
+    assert any("to hold the arm" in reason for reason in data["broken"])
 
 
 def test_an_arm_that_cannot_rest_is_said_beside_the_envelope(capsys, tmp_path):

@@ -62,7 +62,7 @@ class DriveReport(FolderReport):
             ("worst direction", f"{_down(value)} m/s^2 {result.worst_direction_words}"),
             *([("first contact", result.first_lift)] if result.first_lift and result.stands else []),
             *([("locked wheels", self._locked())] if result.stands else []),
-            *under("stops", result.stops),
+            *under("stops", result.stops if result.stands else []),
             *([("steps", f"{result.steps}: counted in the worst case")] if result.steps else []),
             *(under("nav2.yaml", self._navigation()) if result.stands else []),
             ("assumed", ASSUMED),
