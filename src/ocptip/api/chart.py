@@ -15,7 +15,8 @@ from ocptip.basics.errors import InputError, finite_array, positive_number, whol
 from ocptip.contact.support import Support
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.joint_box import JointBox
-from ocptip.standing.at_rest.largest_level import LargestLevels, largest_levels_kept
+from ocptip.standing.at_rest.largest_level import largest_levels_kept
+from ocptip.standing.at_rest.levels import LargestLevels
 from ocptip.standing.at_rest.raised import Raised, RaisedPayload, RaisedPush, RaisedTilt
 from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import Uncertainty

@@ -18,7 +18,8 @@ from ocptip.numerics.bisection import border
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
-from ocptip.standing.at_rest.largest_level import largest_levels_kept, largest_tried
+from ocptip.standing.at_rest.largest_level import largest_levels_kept
+from ocptip.standing.at_rest.levels import largest_tried
 from ocptip.standing.at_rest.load_cases import RestLoads
 from ocptip.standing.at_rest.raised import RaisedPayload
 from ocptip.standing.at_rest.refusals import own_refusals

@@ -17,7 +17,7 @@ from ocptip.pictures.frame import png
 from ocptip.pictures.load_chart import chart_figure, design_picture
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.chart_cells import ChartCell, ReachBySector
-from ocptip.standing.at_rest.largest_level import LargestLevels
+from ocptip.standing.at_rest.levels import LargestLevels
 from ocptip.standing.at_rest.raised import Raised
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN, Limits
 from ocptip.standing.within.design import DesignLevels

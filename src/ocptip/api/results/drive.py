@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.api.results.drive_files import limits_csv, smoother_yaml
+from ocptip.api.results.drive_files import limits_csv, limits_of, smoother_yaml
 from ocptip.basics.errors import positive_number
 from ocptip.basics.outputs import SavedFolder
 from ocptip.basics.write import versions
@@ -378,20 +378,8 @@ class DriveEnvelope(SavedFolder):
         return f"<DriveEnvelope {self.name}: {where}; {self.scope}>"
 
     def _limits(self, k: int, one: Manoeuvre) -> dict[str, Any]:
-        data: dict[str, Any] = {}
-        for name, result in (("nominal", self.nominal), ("within", self.within)):
-            if result is not None:
-                known = bool(np.isfinite(result.lift[k]))
-                when = {} if result.times is None else {"time_s": float(result.times[k])}
-                data[name] = {
-                    **when,
-                    "largest": one.value(float(result.largest[k])),
-                    "tips_at": one.value(float(result.tip[k])),
-                    "first_contact_lifts_at": one.value(float(result.lift[k])) if known else None,
-                    "slips_at": one.value(float(result.slip[k])) if result.slip[k] < result.tip[k] else None,
-                    "tips_about_contacts": result.contacts[k].tolist() if result.contacts[k].any() else None,
-                }
-        return data
+        cases = (("nominal", self.nominal), ("within", self.within))
+        return {name: limits_of(result, k, one) for name, result in cases if result is not None}
 
     @property
     def limits(self) -> dict[str, Any]:

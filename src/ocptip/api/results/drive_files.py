@@ -1,4 +1,4 @@
-"""Files of a drive envelope: a table, and parameters of Nav2's velocity smoother."""
+"""Files of a drive envelope: limits as plain data and as a table, parameters of Nav2's velocity smoother."""
 
 from __future__ import annotations
 
@@ -9,7 +9,22 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres, Manoeuvre
+
 _COLUMNS = "largest", "tips_at", "slips_at", "first_contact_lifts_at"
+
+
+def limits_of(result: LargestManoeuvres, k: int, one: Manoeuvre) -> dict[str, Any]:
+    """Largest value of manoeuvre k and what limits it, as plain data."""
+    known, slips = bool(np.isfinite(result.lift[k])), result.slip[k] < result.tip[k]
+    return {
+        **({} if result.times is None else {"time_s": float(result.times[k])}),
+        "largest": one.value(float(result.largest[k])),
+        "tips_at": one.value(float(result.tip[k])),
+        "first_contact_lifts_at": one.value(float(result.lift[k])) if known else None,
+        "slips_at": one.value(float(result.slip[k])) if slips else None,
+        "tips_about_contacts": result.contacts[k].tolist() if result.contacts[k].any() else None,
+    }
 
 
 def limits_csv(limits: Mapping[str, dict[str, Any]], cases: Sequence[str]) -> str:

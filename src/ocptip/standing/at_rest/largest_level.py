@@ -9,8 +9,7 @@ few steps, because what is worst changes at few masses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import cached_property, partial
 
 import numpy as np
@@ -20,6 +19,7 @@ from ocptip.numerics.bisection import borders
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.model import ArmModel
 from ocptip.standing.at_rest.joint_box import JointBox
+from ocptip.standing.at_rest.levels import LargestLevels, largest_tried
 from ocptip.standing.at_rest.raised import Broken, Raised
 from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import NONE, Uncertainty
@@ -38,33 +38,6 @@ _PRODUCTS = 3.0  # times all relative deviations: what their products add, at mo
 _SHIFTED = 0.1  # of what motion adds: covers a payload that is elsewhere
 _AT_ONCE = 8  # facets of a posture that are evaluated exactly, the nearest first
 _FIRST = 24  # facets of a posture of which the worst case is bounded before all others
-
-
-@dataclass(frozen=True, eq=False)
-class LargestLevels:
-    """The largest levels in N postures.
-
-    Attributes:
-        levels: (N,), kg, rad or N; 0 where a limit is broken at level zero.
-        limits: (N,) which of `names` decides.
-        names: of the limits: tipping axes, friction, torques of joints, and last the maximum asked for.
-        kept_at_zero: (N,) True where all limits are kept at level zero.
-    """
-
-    levels: np.ndarray
-    limits: np.ndarray
-    names: tuple[str, ...]
-    kept_at_zero: np.ndarray
-
-    @classmethod
-    def joined(cls, parts: Sequence[LargestLevels]) -> LargestLevels:
-        """The levels of all postures of parts with the same limits, one or more."""
-        arrays = (
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("levels", "limits", "kept_at_zero")
-        )
-        levels, limits, kept = arrays
-        return cls(levels, limits, parts[0].names, kept)
 
 
 def largest_levels_kept(
@@ -470,8 +443,3 @@ class _LevelSearch:
             box.parts(lambda moving, _, arm=arm: torques(arm, moving), self._s) for arm in self.raised.arms
         ]
         return [(first, second - first) for first, second in zip(*parts, strict=True)]
-
-
-def largest_tried(name: str) -> str:
-    """Name of the maximum asked for among the limits."""
-    return f"largest {name} tried"
