@@ -286,6 +286,11 @@ class TippingAxis:
     direction: np.ndarray
     lift: np.ndarray
 
+    @property
+    def numbers(self) -> list[int]:
+        """Numbers of its contacts, from 1, in ascending order."""
+        return sorted(k + 1 for k in self.contacts)
+
 
 def find_axes(support: Support, sets: ForceSets) -> tuple[bool, tuple[TippingAxis, ...]]:
     """Whether the base can rotate freely, and the potential tipping axes."""

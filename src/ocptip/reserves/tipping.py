@@ -95,6 +95,11 @@ class TipOver:
         return bool(np.all(level) and np.all(parallel))
 
     @property
+    def edges(self) -> list[list[int]]:
+        """Contacts, from 1, of each tipping axis."""
+        return [axis.numbers for axis in self.axes]
+
+    @property
     def on_polygon(self) -> bool:
         """Whether contacts are ordinary ones on one plane; the axes are the edges of their polygon."""
         return bool(self.axes) and not self.free_rotation and self._sets.ordinary and self.on_plane

@@ -159,7 +159,7 @@ class Margins:
 
 def _pairs(tip_over: TipOver) -> np.ndarray:
     """(1 + axes, 2) contacts of the tipping axes, from 1; the first row is that of none."""
-    return np.array([(0, 0), *(sorted(k + 1 for k in axis.contacts) for axis in tip_over.axes)])
+    return np.array([(0, 0), *tip_over.edges])
 
 
 def _moments(states: ContactStates, tip_over: TipOver, margins: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.api.results.drive_files import limits_csv, limits_of, smoother_yaml
+from ocptip.api.results.drive_files import limits_csv, manoeuvre_limits, smoother_yaml
 from ocptip.basics.errors import positive_number
 from ocptip.basics.outputs import SavedFolder
 from ocptip.basics.write import versions
@@ -379,7 +379,7 @@ class DriveEnvelope(SavedFolder):
 
     def _limits(self, k: int, one: Manoeuvre) -> dict[str, Any]:
         cases = (("nominal", self.nominal), ("within", self.within))
-        return {name: limits_of(result, k, one) for name, result in cases if result is not None}
+        return {name: manoeuvre_limits(result, k, one) for name, result in cases if result is not None}
 
     @property
     def limits(self) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres, Manoeuvre
 _COLUMNS = "largest", "tips_at", "slips_at", "first_contact_lifts_at"
 
 
-def limits_of(result: LargestManoeuvres, k: int, one: Manoeuvre) -> dict[str, Any]:
+def manoeuvre_limits(result: LargestManoeuvres, k: int, one: Manoeuvre) -> dict[str, Any]:
     """Largest value of manoeuvre k and what limits it, as plain data."""
     known, slips = bool(np.isfinite(result.lift[k])), result.slip[k] < result.tip[k]
     return {

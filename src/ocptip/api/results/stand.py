@@ -345,7 +345,7 @@ class Standing:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything; contacts in the order of the file."""
-        state, demand = self.state, self.friction_demand
+        state, demand, edges = self.state, self.friction_demand, self.tip.tip_over.edges
         changes = [one.to_dict() for one in self.sensitivities]
         axis, counterexample = self.nearest_axis, self.verdict.counterexample
         return {
@@ -388,7 +388,7 @@ class Standing:
             "friction_needed": demand.factor if demand and np.isfinite(demand.factor) else None,
             "friction_missing_N": demand and demand.missing,
             "tipping_axis": axis,
-            **({"classical": {**self.classical.to_dict(), "edges": self.edges}} if self.classical else {}),
+            **({"classical": {**self.classical.to_dict(), "edges": edges}} if self.classical else {}),
             "largest_slope": self.largest_slope and self.largest_slope.to_dict(),
             "largest_payload": self.largest_payload and vars(self.largest_payload),
             "process_share": self.possible_process,
@@ -423,11 +423,6 @@ class Standing:
         }
         critical = "base" if self.critical is self else self.critical.scene.name
         return {"stable": self.stable, "objects": objects, "critical": critical}
-
-    @property
-    def edges(self) -> list[list[int]]:
-        """Contacts, from 1, of each tipping axis."""
-        return [sorted(k + 1 for k in axis.contacts) for axis in self.tip.tip_over.axes]
 
     @property
     def nearest_axis(self) -> dict[str, Any] | None:

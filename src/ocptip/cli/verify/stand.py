@@ -286,7 +286,7 @@ class StandReport(GatedReport):
             lines.append(("", beyond.format(ratio(result.slip.slide_acceleration[0]), "slides")))
         if (other := result.classical) is not None:
             point = 1e3 * float(other.zero_moment_point)
-            angles = zip(np.degrees(other.static_angles), result.edges, strict=True)
+            angles = zip(np.degrees(other.static_angles), result.tip.tip_over.edges, strict=True)
             static = [
                 f"{quantity(angle, 'deg', 3)} ({' and '.join(map(str, edge))})" for angle, edge in angles
             ]

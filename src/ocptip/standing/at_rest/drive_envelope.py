@@ -285,7 +285,7 @@ class _ManoeuvreSearch:
         affine = tip_over.affine_moments
         assert affine is not None  # the contacts lie on one plane
         least, first = self._first(*affine, self._cases.reference)
-        pairs = np.array([sorted(k + 1 for k in axis.contacts) for axis in tip_over.axes])
+        pairs = np.array(tip_over.edges)
         return least, np.where(least[:, None] < LARGEST, pairs[first], 0)
 
     def lift(self, tip: np.ndarray) -> np.ndarray:

@@ -92,7 +92,7 @@ class _LevelSearch:
         # Of a payload the robot of `raised` holds 1 kg.
         self._reference = np.array([reference - slope, slope])
 
-        pairs = [sorted({k + 1 for k in axis.contacts}) for axis in self.robot.tip_over.axes]
+        pairs = [dict.fromkeys(edge) for edge in self.robot.tip_over.edges]
         tips = [f"tipping about contacts {' and '.join(map(str, pair))}" for pair in pairs]
         torques = [f"torque of {name}" for name in self.robot.names]
         self.names = (*tips, "friction", *torques, largest_tried(raised.name))

@@ -168,4 +168,4 @@ def _loss(footing: Footing, wrench: np.ndarray) -> tuple[str, tuple[int, ...]]:
     if np.min(margins, initial=np.inf) >= 0:
         return "slides", ()
     axis = footing.tip_over.axes[int(np.argmin(margins))]
-    return "tips", tuple(sorted({k + 1 for k in axis.contacts}))
+    return "tips", tuple(dict.fromkeys(axis.numbers))

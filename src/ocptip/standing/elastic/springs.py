@@ -216,14 +216,12 @@ class Simulation:
         self._pressing: np.ndarray = np.ones(n, dtype=bool)
         self._anchors, self._soles, self._lifted = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
         self._switches, self._lost, self._falls = 0, list[tuple[int, float]](), False
-        self._start_pressing = self._pressing
-        if elastic is not None:
-            self._start_pressing = elastic.share(ride.start_load[None, :6]).pressing[0].copy()
+        start = None if elastic is None else elastic.share(ride.start_load[None, :6])
+        self._start_pressing = self._pressing if start is None else start.pressing[0].copy()
         if len(gears):
-            squares = scipy.linalg.eigh(
-                self.stiffness(), ride.start_inertia[np.ix_(free, free)], eigvals_only=True
-            )
-            self._highest = max(self._highest, float(np.sqrt(squares[-1])) / (2 * np.pi))
+            both = self.stiffness(), ride.start_inertia[np.ix_(free, free)]
+            fastest = float(np.sqrt(scipy.linalg.eigh(*both, eigvals_only=True)[-1]))
+            self._highest = max(self._highest, fastest / (2 * np.pi))
         self._every = self._systems(slice(None), self._pressing, np.zeros((n, 3)))
         down = np.concatenate([self._W[:, :, 0], self._W[:, :, 0] * self._delays], axis=0)
         self._normal = -self._D[:, :1] * down.T  # (n, 2 d): normal forces, if all press
