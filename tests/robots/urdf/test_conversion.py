@@ -1,5 +1,6 @@
 """URDFs out of MuJoCo models and xacro files, against MuJoCo's own kinematics and dynamics."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -107,6 +108,40 @@ def test_init_reads_wheels_and_masses_of_a_mujoco_model(model_file, monkeypatch,
     )
     assert main(["init", "cart.xml", "--out", "u.toml"]) == 2
     assert "cart.urdf: exists; give another place by --out, or --overwrite" in capsys.readouterr().err
+
+
+_SLIDES = '<joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>'
+_UP = '<joint name="z" type="slide" axis="0 0 1"/>'
+_YAW = '<joint name="yaw" type="hinge" axis="0 0 1"/>'
+
+
+@pytest.mark.parametrize(
+    ("joints", "drives"),
+    [
+        ('<freejoint name="root"/>', True),
+        (_SLIDES, True),
+        (_SLIDES + _YAW, True),
+        (_SLIDES + _UP, True),
+        ((_SLIDES + _YAW).replace("/>", ' range="-9 9"/>'), True),
+        ((_SLIDES + _UP).replace("/>", ' range="-1 1"/>'), False),
+    ],
+)
+def test_joints_that_place_a_base_are_no_joints_of_the_arm(model_file, monkeypatch, capsys, joints, drives):
+    """As planar and floating roots of a URDF; what else is in the world is no part of the robot."""
+    monkeypatch.chdir(model_file.parent)
+    text = model_file.read_text().replace('<freejoint name="root"/>', joints)
+    table = '<body name="table" pos="2 0 0.2"><geom type="box" size="0.2 0.2 0.2" mass="2000"/></body>'
+    cube = '<body name="cube" pos="2 0 0.5"><freejoint/><geom type="box" size="0.1 0.1 0.1" mass="1"/></body>'
+    model_file.write_text(text.replace("<worldbody>", f"<worldbody>{table}{cube}"))
+    assert main(["init", "cart.xml", "--tool-frame", "tool0", "--out", "t.toml", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["joints"] == ["turn", "slide", "bend"]) == drives
+    assert answer["base_link"] == ("chassis" if drives else "world")
+    if drives:
+        assert answer["base"]["mass"] == pytest.approx(48, rel=1e-6)
+        assert [contact["kind"] for contact in answer["base"]["contacts"]] == ["wheel"] * 4
+        left = "bodies that are no part of the robot (see [[obstacle]]): table, cube"
+        assert f"left out of the MuJoCo model: {left}" in answer["assumed"]
 
 
 def test_rotors_come_along_and_what_is_left_out_is_named(model_file, monkeypatch, capsys):

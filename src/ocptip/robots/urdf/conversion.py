@@ -99,23 +99,49 @@ def _of_mujoco(path: Path, target: Path) -> Converted:
     except ValueError as error:
         raise InputError(f"MuJoCo refuses it: {' '.join(str(error).split())}", "", str(path)) from None
     meshes: dict[Path, str] = {}
-    parts = list(_parts(mujoco, model, target, meshes, path))
+    bases = [int(b) for b in np.flatnonzero(model.body_parentid == 0) if b and _drives(model, b)]
+    parts = list(_parts(mujoco, model, bases, target, meshes, path))
     name = quoteattr(path.stem)
     text = "\n".join([f'<robot name={name} version="1.2">', *parts, "</robot>", ""])
-    moved = [j for j in range(model.njnt) if _KINDS.get(model.jnt_type[j]) in ("prismatic", "revolute")]
+    moved = [
+        j
+        for j in range(model.njnt)
+        if model.jnt_type[j] != _FREE and model.jnt_bodyid[j] in _robot(model, bases).difference(bases)
+    ]
     rotors = {_joint_name(model, j): float(model.dof_armature[model.jnt_dofadr[j]]) for j in moved}
     armature = {name: value for name, value in rotors.items() if value > 0}
-    return Converted({target: text, **meshes}, armature, tuple(_left_out(model, moved)))
+    return Converted({target: text, **meshes}, armature, tuple(_left_out(model, bases, moved)))
 
 
-def _left_out(model: Any, moved: Sequence[int]) -> Iterator[str]:
+def _drives(model: Any, b: int) -> bool:
+    """Whether the joints of a body say where a base is: a free one, or two that slide and one that turns.
+
+    Where none has a range, as those of a gantry have, two or three that slide are enough.
+    """
+    own = slice(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])
+    kinds, others = [_KINDS.get(kind) for kind in model.jnt_type[own]], model.body_rootid == b
+    others[b] = False
+    known = kinds.count("prismatic"), kinds.count("revolute"), len(kinds)
+    places = kinds == ["floating"] or known == (2, 1, 3)
+    places |= known in ((2, 0, 2), (3, 0, 3), (3, 1, 4)) and not np.any(model.jnt_limited[own])
+    return places and bool(np.any(model.body_jntnum[others]))
+
+
+def _robot(model: Any, bases: Sequence[int]) -> set[int]:
+    """Bodies of the robot. Beside one that drives, what has no part in it is the scene."""
+    return {b for b in range(1, model.nbody) if not bases or model.body_rootid[b] in bases}
+
+
+def _left_out(model: Any, bases: Sequence[int], moved: Sequence[int]) -> Iterator[str]:
     """What a URDF cannot have, with names."""
+    scene = sorted(set(range(1, model.nbody)) - _robot(model, bases))
     sprung = [_joint_name(model, j) for j in moved if np.any(model.jnt_stiffness[j])]
     losses = model.dof_damping, model.dof_frictionloss
     braked = [
         _joint_name(model, j) for j in moved if any(np.any(loss[model.jnt_dofadr[j]]) for loss in losses)
     ]
     parts = {
+        "bodies that are no part of the robot (see [[obstacle]])": [_body_name(model, b) for b in scene],
         "tendons": [model.tendon(k).name or f"tendon_{k}" for k in range(model.ntendon)],
         "equalities": [model.equality(k).name or f"equality_{k}" for k in range(model.neq)],
         "springs of joints (see [arm.springs])": sprung,
@@ -130,11 +156,24 @@ def _joint_name(model: Any, j: int) -> str:
     return model.joint(j).name or f"joint_{j}"
 
 
-def _parts(mujoco: Any, model: Any, target: Path, meshes: dict[Path, str], path: Path) -> Iterator[str]:
-    """Links and joints; a body with several joints, or one beside its origin, has links without mass."""
-    names = [model.body(b).name or f"body_{b}" for b in range(model.nbody)]
+def _body_name(model: Any, b: int) -> str:
+    return model.body(b).name or f"body_{b}"
+
+
+def _parts(
+    mujoco: Any, model: Any, bases: Sequence[int], target: Path, meshes: dict[Path, str], path: Path
+) -> Iterator[str]:
+    """Links and joints; a body with several joints, or one beside its origin, has links without mass.
+
+    The joints of bases that drive are one that floats: they say where the robot is.
+    """
+    names = [_body_name(model, b) for b in range(model.nbody)]
     efforts, collides = _efforts(mujoco, model), (model.geom_contype | model.geom_conaffinity) > 0
-    for b, name in enumerate(names):
+    robot = sorted(_robot(model, bases))
+    if bases:
+        collides &= model.geom_bodyid > 0
+    for b in (0, *robot):
+        name = names[b]
         yield f"<link name={quoteattr(name)}>"
         if b and model.body_mass[b] > 0:
             xx, yy, zz = model.body_inertia[b]
@@ -144,9 +183,12 @@ def _parts(mujoco: Any, model: Any, target: Path, meshes: dict[Path, str], path:
         for g in np.flatnonzero(collides & (model.geom_bodyid == b)):
             yield from _solids(mujoco, model, int(g), target, meshes)
         yield "</link>"
-    for b in range(1, model.nbody):
+    for b in robot:
         parent, here = names[model.body_parentid[b]], _placed(model.body_pos[b], model.body_quat[b])
         joints = range(model.body_jntadr[b], model.body_jntadr[b] + model.body_jntnum[b])
+        if b in bases:
+            yield _joint(_joint_name(model, joints[0]), "floating", parent, names[b], here, "")
+            continue
         for j in joints:
             kind = _KINDS.get(model.jnt_type[j])
             joint = _joint_name(model, j)
@@ -163,7 +205,8 @@ def _parts(mujoco: Any, model: Any, target: Path, meshes: dict[Path, str], path:
             yield _joint(f"{names[b]}_fixed", "fixed", parent, names[b], here, "")
 
 
-_KINDS = {0: "floating", 2: "prismatic", 3: "revolute"}  # mjtJoint
+_FREE = 0
+_KINDS = {_FREE: "floating", 2: "prismatic", 3: "revolute"}  # mjtJoint
 
 
 def _placed(position: np.ndarray, quat: Sequence[float] = (1.0, 0.0, 0.0, 0.0)) -> Any:
