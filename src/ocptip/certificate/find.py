@@ -22,11 +22,11 @@ from ocptip.certificate.describe import (
     tolerance_data,
     unlike,
 )
-from ocptip.certificate.find_cancels import cancel_claims, every_of_cancels, proved_of_cancels
+from ocptip.certificate.find_cancels import cancel_claims, proved_of_cancels
 from ocptip.certificate.find_objects import object_claims
 from ocptip.certificate.find_within import HIGHEST, SearchWithin
 from ocptip.certificate.interior import Interior
-from ocptip.certificate.result import LATE, Certificate, Undecided
+from ocptip.certificate.result import LATE, Certificate, Undecided, every_of_cancels
 from ocptip.certificate.trusted.checker import (
     CLAIMS_WITHIN,
     FORMAT,

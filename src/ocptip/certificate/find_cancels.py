@@ -13,7 +13,7 @@ import numpy as np
 
 from ocptip.certificate.claimed import limit_within
 from ocptip.certificate.find_within import HIGHEST, CheckedRows, SearchedClaims, SearchWithin
-from ocptip.certificate.result import CANCELS
+from ocptip.certificate.result import ANGLES, CANCELS
 from ocptip.certificate.trusted.cancelled import SPLITS, Boxes, Cancelled
 from ocptip.certificate.trusted.checker import (
     ANGLE_MARGIN_CANCEL,
@@ -34,7 +34,6 @@ from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
 from ocptip.standing.within.worst_case import worst_case_of
 
-ANGLES = "angle_margin_deg_cancel", "position_margin_m_cancel"
 _LONGEST, _SHORTEST = 0.1, 3e-4  # s: of the first boxes, and of those that are not divided
 _AT_ONCE = 300  # boxes
 _MOST = 20_000  # boxes that are checked
@@ -64,12 +63,6 @@ def proved_of_cancels(bounds: Mapping[str, float]) -> set[str]:
     inside = bounds.get(ANGLE_MARGIN_CANCEL, -1.0) >= -ANGLE
     proved = {name for names in COVERS_OF_CANCELS.values() for name in names if name in bounds}
     return proved | (set(ANGLES) if inside else set())
-
-
-def every_of_cancels(within: bool) -> set[str]:
-    """The names of `proved_of_cancels` where everything is proved, within an uncertainty or nominal."""
-    names = COVERS_OF_CANCELS[NOMINAL_CANCEL] + (COVERS_OF_CANCELS[WITHIN_CANCEL] if within else ())
-    return {*names, *ANGLES}
 
 
 def cancel_claims(

@@ -12,7 +12,9 @@ import numpy as np
 from ocptip.certificate.trusted.checker import (
     ANGLE_MARGIN_CANCEL,
     COVERS_OF_CANCELS,
+    NOMINAL_CANCEL,
     TORQUES_CANCEL,
+    WITHIN_CANCEL,
     Verdict,
 )
 from ocptip.certificate.trusted.described import CLEARANCE, SPEED_OF_POINTS, SPEED_OF_POINTS_WITHIN
@@ -38,6 +40,8 @@ _CLAIMS = (
 )
 """Title, unit, keys of the bounds: nominal, and in the worst case."""
 _OF_CANCELS = (ANGLE_MARGIN_CANCEL, *TORQUES_CANCEL, *(k for ks in COVERS_OF_CANCELS.values() for k in ks))
+ANGLES = "angle_margin_deg_cancel", "position_margin_m_cancel"
+"""Names of sampled values that a bound of the angle margin in cancels covers."""
 _LEAST = ("clearance", CLEARANCE, ANGLE_MARGIN_CANCEL)  # bounds from below
 CANCELS = "contacts in cancels"
 """The name of the claim about cancels, where it is not proved."""
@@ -55,13 +59,19 @@ _WORDS = {
     "clearance": ("clearance", "planning with a larger --clearance may help"),
     CANCELS: (
         "contacts when cancelled",
-        "planning with --stop-safe cancel, a gentler cancel, or a motion 2 to 5 % slower may help",
+        "planning with --stop-safe cancel, which slows down by up to 5 %, or a gentler cancel may help",
     ),
 }
 """Names of claims, and what helps where they are not proved."""
 _BY_SLOWER = "a slower motion may help"
 _UNBOUNDED = 1e6
 _FAR = 0.8  # of what is lost: sampled values below are far from the limit
+
+
+def every_of_cancels(within: bool) -> set[str]:
+    """Names of sampled values in cancels of which all is proved, within an uncertainty or nominal."""
+    names = COVERS_OF_CANCELS[NOMINAL_CANCEL] + (COVERS_OF_CANCELS[WITHIN_CANCEL] if within else ())
+    return {*names, *ANGLES}
 
 
 @dataclass(frozen=True)
@@ -156,6 +166,11 @@ class Certificate:
     def holds(self) -> bool:
         """The certificate holds and its bounds keep the limits, apart from values that are sampled."""
         return self.verdict.holds and self.kept
+
+    @property
+    def lacks_cancels(self) -> bool:
+        """Everything about the motion is proved, but worst values of the base in cancels are sampled."""
+        return self.holds and not every_of_cancels(True).isdisjoint(self.sampled)
 
     @property
     def missing(self) -> str:

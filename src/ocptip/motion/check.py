@@ -175,6 +175,12 @@ class MotionCheck:
         return proof is not None and proof.holds and all(map(of_stops, proof.sampled))
 
     @property
+    def lacks_cancels(self) -> bool:
+        """The motion is proved, but not that cancels lose no contact, though the samples keep that."""
+        proof = self.certificate if self.verified and self.proved_while_moving else None
+        return proof is not None and proof.lacks_cancels
+
+    @property
     def unproved(self) -> str:
         """What a proof lacks, where, and what helps; empty if everything is proved or a limit is broken."""
         if not self.kept_while_moving or self.proved_while_moving:

@@ -31,6 +31,7 @@ class MotionPlan:
         interrupted: some starts had not finished.
         options: what else was asked for; `choices`: how many postures there were, and were planned.
         segments: plans of the segments of a cycle; of the first ones only if the planning was interrupted.
+        slower: factor of all times, which is in the motion, that made its proof complete.
     """
 
     task: Task
@@ -43,6 +44,7 @@ class MotionPlan:
     interrupted: bool
     options: dict[str, Any]
     segments: tuple[MotionPlan, ...] = ()
+    slower: float = 1.0
 
     @classmethod
     def of_cycle(

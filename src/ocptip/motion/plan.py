@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -23,6 +23,7 @@ from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import TIME_IS_UP, MaybeWorkers, Progress, plan_segment
 from ocptip.motion.planner.attempt import Attempt
 from ocptip.motion.planner.one_start import Search
+from ocptip.motion.provable import slower_to_prove
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.time_limit import TimeBudget, interrupted_after
@@ -193,24 +194,34 @@ def proved(plan: MotionPlan, prove: Prove, stage: Callable[[str], None] | None =
 
 @one_thread
 def proved_part(plan: MotionPlan, prove: Prove) -> MotionPlan:
-    """The plan of one motion with its certificate, solved again, tighter, where something is not proved.
+    """The plan of one motion with its certificate; slower, or solved again, tighter, where something is not
+    proved and time is left.
 
-    Motions without starts stay as they are. Of those along paths what runs them is proved, which differs.
+    Of motions along paths what runs them is proved, which differs.
     """
-    if not plan.starts or not plan.check.verified or plan.check.certificate is not None:
+    if plan.motion.timing is not None or not plan.check.verified or plan.check.certificate is not None:
         return plan
     task, began = cast(MotionTask, plan.task), time.perf_counter()
     plan = replace(plan, check=prove(task.robot, plan.motion, plan.check, task.limits))
-    if not plan.check.certified:
-        position = next(k for k, start in enumerate(plan.starts) if start.number == plan.best)
-        before = plan.starts[position]
-        proof = Search(task).proved(Attempt(before, plan.motion, plan.check), prove)
-        assert proof.motion is not None
-        assert proof.check is not None
-        starts = [*plan.starts]
-        starts[position] = proof.result.after(before, proof.result)
-        plan = replace(plan, motion=proof.motion, check=proof.check, starts=tuple(starts))
+    with suppress(TimeIsUpError):  # else the proof so far stays
+        plan = plan if plan.check.certified else _made_provable(plan, task, prove)
     return replace(plan, seconds=plan.seconds + time.perf_counter() - began)
+
+
+def _made_provable(plan: MotionPlan, task: MotionTask, prove: Prove) -> MotionPlan:
+    """The plan near this one with a complete proof, else the same."""
+    if not plan.starts:  # a slow motion of all joints in step
+        slower = slower_to_prove(task.robot, plan.motion, plan.check, task.limits, prove)
+        return replace(plan, **slower._asdict()) if slower else plan
+    position = next(k for k, start in enumerate(plan.starts) if start.number == plan.best)
+    before = plan.starts[position]
+    proof = Search(task).proved(Attempt(before, plan.motion, plan.check), prove)
+    assert proof.motion is not None
+    assert proof.check is not None
+    starts = [*plan.starts]
+    starts[position] = proof.result.after(before, proof.result)
+    known = {"motion": proof.motion, "check": proof.check, "slower": proof.slower}
+    return replace(plan, **known, starts=tuple(starts))
 
 
 class _Legs:

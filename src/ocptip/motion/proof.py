@@ -38,6 +38,11 @@ class Proof(Protocol):
         ...
 
     @property
+    def lacks_cancels(self) -> bool:
+        """That cancels lose no contact of the base was asked for and is not proved, though the motion is."""
+        ...
+
+    @property
     def data(self) -> Mapping[str, Any] | None:
         """Plain data for JSON from which the proof is checked; None where there is none."""
         ...

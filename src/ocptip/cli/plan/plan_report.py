@@ -80,6 +80,8 @@ class PlanReport(GatedReport):
         more += [f"not done, the time was up: {', '.join(plan.left_out)}"] if plan.left_out else []
         parts = zip(plan.task.segments, motion.parts, strict=False)
         more += [f"{_path(item)}{_of(s.name)}" for s, item in parts if "path" in item.options]
+        parts = zip(plan.task.segments, motion.parts, strict=False)
+        more += [f"{_slower(item)}{_of(s.name)}" for s, item in parts if item.slower > 1]
         more += [] if all(run.controller == "ramps" for run in plan.executions) else [self._controller()]
         pairs = zip(plan.task.segments, plan.executions, strict=False)
         more += [f"{run.trajectory_text}{_of(s.name)}" for s, run in pairs if run.trajectory_text]
@@ -170,6 +172,10 @@ def _path(plan: MotionPlan) -> str:
         return f"{text}; of the smoothed path, which costs {-100 * more:.1f} % less"
     why = f"costs {100 * more:.1f} % more" if more >= 0 else "is not proved"
     return f"{text}; not of the smoothed path, which {why}"
+
+
+def _slower(plan: MotionPlan) -> str:
+    return f"{100 * (plan.slower - 1):.2g} % slower than planned, so that its proof is complete"
 
 
 _SLOWLY = "a slow motion of all joints in step: the search gave no motion that keeps all limits"

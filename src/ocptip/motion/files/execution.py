@@ -13,7 +13,7 @@ from ocptip.motion.violations import stated
 from ocptip.numerics.bisection import bisected
 from ocptip.numerics.time_limit import TimeBudget
 from ocptip.standing.limit_kinds.kinds import limits_of
-from ocptip.standing.limit_kinds.limit import AskedLimit, Worst
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE
@@ -191,8 +191,7 @@ def slower_to_prove(
         slower = execute(robot, motion, limits, controller, step=run.step, first=first)
         return replace(slower, check=prove(robot, slower.motion, slower.check, limits))
 
-    asked = [limit for limit in limits_of(robot, limits) if isinstance(limit, AskedLimit)]
-    return proved_slower(run, again, asked) or run
+    return proved_slower(run, again, limits_of(robot, limits)) or run
 
 
 def slowed_as_needed(tried: Callable[[float], C], first: float = 1.0, slowest: float = SLOWEST) -> C | None:

@@ -96,6 +96,7 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
         "seed": plan.seed,
         "options": plan.options,
         "assumed": plan.task.robot.notes,
+        **({"slower_to_prove": plan.slower} if plan.slower > 1 else {}),
         "reference": _reference(plan),
         "versions": versions(),
         **({"controller": execution.to_dict()} if execution and execution.controller != "ramps" else {}),

@@ -92,11 +92,13 @@ class Attempt:
     Attributes:
         result: in numbers.
         motion, check: both None if no motion came out.
+        slower: factor of all its times that made its proof complete.
     """
 
     result: StartResult
     motion: Trajectory | None
     check: MotionCheck | None
+    slower: float = 1.0
 
     def cost(self, objective: Objective) -> float:
         """Cost of the motion; infinite unless it is verified."""

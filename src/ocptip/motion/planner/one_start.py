@@ -15,7 +15,7 @@ from ocptip.motion.planner.formulation import Formulation, Smoothing
 from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.program import MotionProgram, Pull
 from ocptip.motion.planner.random_start import random_change, random_start
-from ocptip.motion.provable import AHEAD, DEARER, PROOFS, Timed, proved_slower, within_reach
+from ocptip.motion.provable import AHEAD, DEARER, PROOFS, Timed, slower_to_prove, within_reach
 from ocptip.motion.task import MotionTask
 from ocptip.motion.violations import broken_words
 from ocptip.numerics.ipopt import ending
@@ -219,25 +219,19 @@ class Search:
         checked = prove(self.task.robot, before.motion, before.check, self.task.limits)
         clock.stage("proof")
         result = self._made_provable(before.motion, checked, prove, clock)
-        motion, checked = result or (before.motion, checked)
+        motion, checked, slower = result or Timed(before.motion, checked)
         clock.pause()
         status = before.result.status
-        return Attempt(clock.result(before.result.number, status, checked), motion, checked)
+        return Attempt(clock.result(before.result.number, status, checked), motion, checked, slower)
 
     def _made_provable(
         self, motion: Trajectory, checked: MotionCheck, prove: Prove, clock: Clock
-    ) -> tuple[Trajectory, MotionCheck] | None:
+    ) -> Timed | None:
         """A proved motion near one that is not: slower, which needs no program, or else a tighter one."""
         cost, refiner, exact = self._cost(checked), Refiner(self.formulation, self.inner), None
-
-        def again(factor: float) -> Timed:
-            slower = motion.slowed(factor)
-            checked = check_motion(self.task.robot, slower, self.task.limits)
-            return Timed(slower, prove(self.task.robot, slower, checked, self.task.limits))
-
-        slower = proved_slower(Timed(motion, checked), again, self._asked)
+        slower = slower_to_prove(self.task.robot, motion, checked, self.task.limits, prove)
         clock.stage("proof")
-        if slower and self._cost(slower.check) <= DEARER * cost:
+        if slower and (checked.lacks_cancels or self._cost(slower.check) <= DEARER * cost):
             return slower
         try:
             for _ in range(PROOFS):
@@ -255,7 +249,7 @@ class Search:
                 checked = prove(self.task.robot, motion, checked, self.task.limits)
                 clock.stage("proof")
                 if checked.certified:
-                    return motion, checked
+                    return Timed(motion, checked)
         except NUMERICAL:
             pass  # it stays as it was
         finally:
