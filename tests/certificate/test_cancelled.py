@@ -17,7 +17,7 @@ from ocptip.certificate.trusted.late import Late
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.stops.by_cancel import Cancel
-from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.trajectories.trajectory import Trajectory
 from tests.certificate.test_find import _nod, _swing
 from tests.certificate.test_hostile import _judged, _weights, _within
@@ -362,3 +362,34 @@ def test_delays_of_joints_are_divided_where_times_are_not_enough():
     ]
     other = found.data | {"cover_cancel_within": found.data["cover_cancel_within"] | {"trees": whole}}
     assert not check_certificate(other).holds
+
+
+def test_a_foot_that_would_lift_if_all_were_equally_compliant_gets_less_of_the_load():
+    """The arm leans over one of four feet; hardly any friction is left. Without that sharing of the load no
+    size of boxes is enough.
+    """
+    task = experiment_task("B")
+    support, turns = task.robot.support, np.pi / 2 * np.arange(4)
+    feet = 0.2 * 2**0.5 * np.stack([np.cos(turns), np.sin(turns)]).T + [0.0, 0.12]
+    height = support.contacts[0].position[2]
+    contacts = [replace(support.contacts[0], friction=0.0232, position=[*foot, height]) for foot in feet]
+    robot = task.robot.varied(support=support.varied(contacts))
+    cancel = Cancel(tuple((0.15 * robot.limits.acceleration).tolist()))
+    limits, motion = replace(task.limits, cancel=cancel, tolerance=NONE), _nod(task)
+    checked = check_motion(robot, motion, limits)
+    assert checked.contacts.alike.value < -15  # N, of the foot behind
+    found = certify(robot, motion, limits, checked.worst)
+    assert found.cancels
+    cover = found.data["cover_cancel"]
+    shared = [not np.any(forces) and len(np.unique(shares)) > 1 for forces, shares in _boxes(cover)]
+    assert any(shared)
+    alike = [
+        np.ones_like(shares).tolist() if one else shares
+        for one, (_, shares) in zip(shared, _boxes(cover), strict=True)
+    ]
+    assert not check_certificate(found.data | {"cover_cancel": cover | {"weights": alike}}).holds
+
+
+def _boxes(cover):
+    """Forces and weights of each box."""
+    return list(zip(cover["forces"], cover["weights"], strict=True))
