@@ -1,4 +1,4 @@
-"""Jerk limits: plans, cycles and retimed paths keep them, checks judge them, or a note says why not."""
+"""Jerk limits: plans, cycles and retimed paths keep them; where no timing does, the verdict says so."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_retimed_paths_keep_them_where_the_curvature_has_no_step(tmp_path):
     assert not any("jerk" in note for note in plan.task.robot.notes)
 
 
-def test_a_path_with_a_step_of_its_curvature_is_noted(tmp_path):
+def test_a_path_with_a_step_of_its_curvature_breaks_them(tmp_path):
     task = load_task(limited(tmp_path, URDF))
     half = 0.5 * (task.goal - task.start)
     bend = np.array([0.2, -0.2])
@@ -76,12 +76,16 @@ def test_a_path_with_a_step_of_its_curvature_is_noted(tmp_path):
     bent = JointPath([0.0, 0.5, 1.0], np.stack([pieces[0], 2 * pieces[1], pieces[2]]))
     assert bent.bends.tolist() == [1]
     plan = ocptip.retime(task, Trajectory.from_path(bent, np.linspace(0, 1, 9), np.ones(9)))
-    (note,) = [note for note in plan.task.robot.notes if "jerk" in note]
-    assert "jerk limits of joints hip, knee are not kept" in note
-    assert "s = 0.5000" in note
-    plan.save(tmp_path / "plan", figures=False)  # its task still has them
-    (text,) = [text for text in ocptip.check(tmp_path / "plan").broken if "jerk" in text]
+    assert not plan.verified
+    assert plan.headline.startswith("LIMITS BROKEN")
+    (text,) = plan.broken
     assert text.startswith("jerk is ")
+    assert plan.to_dict()["retimed"]["verified"] is False
+    (note,) = [note for note in plan.task.robot.notes if "jerk" in note]
+    assert "no timing of the path keeps the jerk limits of joints hip, knee" in note
+    assert "s = 0.5000" in note
+    plan.save(tmp_path / "plan", figures=False)
+    assert ocptip.check(tmp_path / "plan").broken[0].startswith("jerk is ")
 
 
 def test_steps_of_joints_without_a_jerk_limit_break_none(tmp_path):

@@ -81,14 +81,20 @@ class Timing:
         stage("timing the path ...")
         most = None if jerk is None else jerk * np.where(np.array(robot.units) == "rad", np.pi / 180, 1.0)
         limited = np.isfinite(robot.limits.jerk).any() and most is None and not limits.jerk
-        if limited and fit.path.bends.size:
-            task = _beyond_jerk_limits(task, fit)
-            robot = task.robot
+        breaks_jerk = limited and fit.path.bends.size > 0
+        if breaks_jerk:
+            robot = Robot.of(robot)
+            robot = robot.varied(arm=robot.arm.with_limits(jerk=np.full(robot.n, np.inf)))
         timed = time_path(robot, fit.path, limits, task.objective, jerk=most, base=base, slowest=SLOWEST)
         stage("checking the timing ...")
         step = None if rate is None else 1 / rate
         if base is None:
             execution = execute(robot, timed.motion, limits, controller, step=step)
+            if breaks_jerk:
+                task = _with_bends_noted(task, fit)
+                robot = task.robot
+                timed = replace(timed, check=check_motion(robot, timed.motion, limits))
+                execution = replace(execution, check=check_motion(robot, execution.motion, limits))
         else:
             timed, execution = _whole_body(timed, limits, controller, step)
             profile = timed.robot.drive_profile
@@ -165,19 +171,16 @@ def _whole_body(
     return replace(timed, robot=run.robot, motion=run.motion, check=check, slower=slower), execution
 
 
-def _beyond_jerk_limits(task: MotionTask, fit: FittedPath) -> MotionTask:
-    """The task, whose robot has no jerk limits, but a note that no timing of the path keeps them; its file
-    still has them."""
+def _with_bends_noted(task: MotionTask, fit: FittedPath) -> MotionTask:
+    """The task, whose robot has a note that no timing of the path keeps its jerk limits."""
     robot = Robot.of(task.robot)
     joints = ", ".join(robot.names[j] for j in np.flatnonzero(np.isfinite(robot.limits.jerk)))
     place = fit.path.breakpoints[fit.path.bends[0]]
     note = (
-        f"jerk limits of joints {joints} are not kept: the curvature of the path has a step at "
-        f"s = {place:.4f}, and `ocptip check` reports them as broken; waypoints without times are joined "
-        "smoothly"
+        f"no timing of the path keeps the jerk limits of joints {joints}: its curvature has a step at "
+        f"s = {place:.4f}; waypoints without times are joined smoothly"
     )
-    arm = robot.arm.with_notes(note).with_limits(jerk=np.full(robot.n, np.inf))
-    source, robot = source_of(task), robot.varied(arm=arm)
+    source, robot = source_of(task), robot.varied(arm=robot.arm.with_notes(note))
     return replace(task, robot=robot, source=source and replace(source, robot=robot))
 
 

@@ -99,7 +99,7 @@ def _of_mujoco(path: Path, target: Path) -> Converted:
     except ValueError as error:
         raise InputError(f"MuJoCo refuses it: {' '.join(str(error).split())}", "", str(path)) from None
     meshes: dict[Path, str] = {}
-    bases = [int(b) for b in np.flatnonzero(model.body_parentid == 0) if b and _drives(model, b)]
+    bases = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0 and _drives(model, b)]
     parts = list(_parts(mujoco, model, bases, target, meshes, path))
     name = quoteattr(path.stem)
     text = "\n".join([f'<robot name={name} version="1.2">', *parts, "</robot>", ""])
