@@ -95,6 +95,11 @@ def with_error(value: float, half: float, unit: str = "") -> str:
     return " +- ".join(texts) + unit
 
 
+def enumerated(names: Sequence[str]) -> str:
+    """Some names, all of them: "a, b and c"."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
 def some(names: Sequence[str], most: int = 5) -> str:
     """The first of some names, and how many more there are: "a, b and 3 more"."""
     more = f" and {len(names) - most} more" if len(names) > most else ""

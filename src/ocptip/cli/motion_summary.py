@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from ocptip.basics.text import percent, some, table, wrapped
+from ocptip.basics.text import WIDTH, percent, some, table, wrapped
 from ocptip.cli.layout import brief_notes, changes_table, files_lines, segment_rows, stop_table, under
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops.cancels import SafeDecelerations, in_all
@@ -91,7 +92,7 @@ def motion_text(
     """The summary of a motion, or a cycle: the answer of `plan`, `retime`, `check` and `cell`.
 
     Args:
-        found: its check, with robustness, stops and sensitivities.
+        checked_motion: its check, with robustness, stops and sensitivities.
         head: lines of the verdict and of the motion.
         scaled: checks of the motion with all times multiplied by a factor.
         more: notes.
@@ -112,7 +113,8 @@ def motion_text(
     widest = max((len(name) for name, _ in details), default=0) + 2
     parts = [
         [
-            *head,
+            *textwrap.wrap(head[0], WIDTH, subsequent_indent=" " * 8, break_on_hyphens=False),
+            *head[1:],
             *wrapped("Missing", filter(None, [checked_motion.unproved])),
             *wrapped("Broken", checked_motion.broken),
         ],

@@ -196,7 +196,8 @@ class MotionCheck:
         if not self.kept_while_moving:
             if not self.stands:
                 return "NOT STABLE"
-            return f"LIMITS BROKEN for {self.within.tolerance.scope}" if self.within else "LIMITS BROKEN"
+            about = f" for {self.within.tolerance.scope}" if self.within else ""
+            return f"LIMITS BROKEN{about}{self._if_equally_compliant}{self.scope}"
         about = "for the nominal model only (no uncertainty)" if self.within is None else ""
         word = f"PROVED {about}" if self.proved_while_moving else f"CHECKED at samples {about}"
         if self.within is not None:

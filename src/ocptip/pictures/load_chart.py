@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _EMPTY, _LESS = "#e8e8e8", "#ffffff"  # cells without postures; those that hold less than the smallest level
 _SHADES = ((250, 253, 206), (185, 227, 181), (64, 181, 195), (34, 104, 173), (17, 36, 107))  # of levels
 _ARC, _RINGS = 24, 5  # points of a sector; circles of reach, at most
+_FEW = 20  # postures: what holds in all of so few says little of the others
 
 
 Edges = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -61,7 +62,7 @@ def chart_figure(
         figure,
         "any posture: all sampled ones hold the value, from above all up to that reach; best posture: one "
         f"does; grey from above: no posture, or {levels[0]:.3g} {unit} is not held; "
-        f"0.0 from the side: 0 {unit}, or not even that",
+        f"0.0 from the side: 0 {unit}, or not even that; hatched: fewer than {_FEW} postures sampled",
     )
     return figure
 
@@ -124,12 +125,14 @@ def _beside(
         size = one.reach[1] - low[0], one.height[1] - low[1]
         band = int(np.searchsorted(levels, value, side="right")) - 1
         shade = colors[band] if band >= 0 else _LESS
-        ax.bar(low[0], size[1], size[0], low[1], align="edge", color=shade, ec="white", lw=0.6)
+        few = {"hatch": "///"} if one.postures < _FEW else {}
+        ax.bar(low[0], size[1], size[0], low[1], align="edge", color=shade, ec="white", lw=0.6, **few)
         digits = 1 if value < 100 else 0
         text = f"{np.floor(value * 10**digits + 1e-9) / 10**digits:.{digits}f}"
         color = "white" if band > 0.55 * (len(levels) - 1) else "black"
         middle = low[0] + 0.5 * size[0], low[1] + 0.5 * size[1]
-        ax.text(*middle, text, ha="center", va="center", color=color, fontsize=8.5)
+        box = {"facecolor": shade, "edgecolor": "none", "pad": 1.5}  # keeps the hatch away
+        ax.text(*middle, text, ha="center", va="center", color=color, fontsize=8.5, bbox=box)
     ax.set(xlim=reaches[[0, -1]], ylim=heights[[0, -1]], aspect="equal")
     ax.set_xlabel("reach from the centre of the contacts [m]")
     ax.set_ylabel("height above the lowest contact [m]")

@@ -397,6 +397,7 @@ def plot_scene(
     path: str | os.PathLike[str],
     *,
     index: int = 0,
+    below: str = "",
 ) -> None:
     """Draw one state of a scene into a file; an existing file is replaced only by a complete one.
 
@@ -406,6 +407,7 @@ def plot_scene(
         tip, slip: the margins of these states.
         path: file name ending in .png, .pdf or .svg.
         index: which of the states.
+        below: what the title has in a second line.
 
     Raises:
         InputError: unknown file format.
@@ -414,18 +416,24 @@ def plot_scene(
     path = Path(path)
     if path.suffix.lower().lstrip(".") not in FORMATS:
         raise InputError(f"path: expected a file name ending in .png, .pdf or .svg, got {str(path)!r}")
-    save_figure(draw_scene(scene, states, tip, slip, index=index), path, 150)
+    save_figure(draw_scene(scene, states, tip, slip, index=index, below=below), path, 150)
 
 
 def draw_scene(
-    scene: Scene, states: ContactStates, tip: TipOverReserve, slip: SlipReserve, *, index: int = 0
+    scene: Scene,
+    states: ContactStates,
+    tip: TipOverReserve,
+    slip: SlipReserve,
+    *,
+    index: int = 0,
+    below: str = "",
 ) -> Figure:
     """A Matplotlib figure of a scene, see `plot_scene`."""
     picture = ScenePicture(scene, states, tip, slip, index)
     labels = Labels()
     figure = new_figure(13.0, 7.0)
     color = "black" if states.persistent[index] else BROKEN
-    head(figure, picture.title, color=color)
+    head(figure, picture.title, below, color=color if not below else BROKEN)
     if scene.planar:
         left, right = figure.subplots(1, 2, width_ratios=[1.7, 1.0])
         draw_plane(left, picture, labels)

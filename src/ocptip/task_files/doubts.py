@@ -96,7 +96,7 @@ def require_kind(data: Table, command: str) -> None:
                 )
     other = _command(data)
     if other not in ("", command):
-        hint = "; for its robot at rest give --posture" if (other, command) == ("plan", "stand") else ""
+        hint = "; for its robot at rest give --posture start" if (other, command) == ("plan", "stand") else ""
         raise data.error(f"is {_KINDS[other]} (ocptip {other}), not {_KINDS[command]}{hint}")
 
 

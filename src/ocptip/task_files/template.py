@@ -32,6 +32,7 @@ SCHEMA = "task.schema.json"
 """File beside a task, from which editors know the keys."""
 _OF_URDF = ARM.known_variants["urdf"].keys
 _WIDTH = 44  # columns before a comment
+_INVENTED = f"invented while {MARK} stands here"  # true when users have put their own value there, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,24 +171,24 @@ def _contact(contact: GroundContact) -> Iterator[str]:
 
 def _base(foot: ExampleBase) -> Iterator[str]:
     yield f"[base]  # {ROBOT_BASE.meaning}"
-    yield f"# {foot.source}."
-    keys, about = ROBOT_BASE.keys, "of the URDF's links that rest" if foot.of_urdf else "invented"
+    yield f"# As written by init: {foot.source}."
+    keys, about = ROBOT_BASE.keys, "of the URDF's links that rest" if foot.of_urdf else _INVENTED
     centre = _list(np.round(foot.foot_center - [0, 0, foot.height], 3))
     if foot.foot_mass > 1e-9:
         about += f"; has to include {foot.foot_mass:.3g} kg of links of the URDF"
         links = f"{foot.foot_mass:.3g}"
         yield f"# Links of the URDF that do not move: {links} kg, centre {centre} m in the axes of base_link."
     yield _line(keys, "mass", f"{foot.mass:.9g}", about, mark=not foot.of_urdf)
-    where, invented = "of the URDF" if foot.of_urdf else "invented", not foot.contacts_of_urdf
+    where, invented = "of the URDF" if foot.of_urdf else _INVENTED, not foot.contacts_of_urdf
     yield _line(keys, "center_of_mass", _list(np.round(foot.center_of_mass, 6)), where, mark=not foot.of_urdf)
     if foot.inertia is not None:
         yield _line(keys, "inertia", _list(foot.inertia[np.triu_indices(3)]), where)
-    holds = "invented, of all feet; casters and clamps: [[contact]]"
+    holds = f"{_INVENTED}, of all feet; casters and clamps: [[contact]]"
     if _rolling(foot):
-        holds = "invented, of all wheels; they hold only while drives or brakes hold them"
+        holds = f"{_INVENTED}, of all wheels; they hold only while drives or brakes hold them"
     else:
         feet = ", ".join(map(_list, np.round(foot.feet, 4)))
-        where = "invented" if invented else "the lowest points of the URDF's geometry"
+        where = _INVENTED if invented else "the lowest points of the URDF's geometry"
         yield _line(keys, "feet", f"[{feet}]", where, mark=invented)
     yield _line(keys, "friction", "0.5", holds, mark=True)
     if foot.foot_mass > 1e-9:
@@ -220,7 +221,7 @@ def _arm(
     yield _line(_OF_URDF, "base_link", toml_value(base))
     others = like_tools(link for link in file.ends(base) if link != tool)
     yield _line(_OF_URDF, "tool_frame", toml_value(tool), f"others: {some(others)}" if others else "")
-    height = f"[0.0, 0.0, {foot.height:.6g}]"
+    height = f"[0.0, 0.0, {round(foot.height, 9) + 0.0:.6g}]"
     yield _line(ARM.keys, "mount_position", height, mark=not foot.contacts_of_urdf)
     if arm.armature.any():
         yield _line(_OF_URDF, "armature", _list(arm.armature), ", ".join(arm.joint_names))
@@ -331,7 +332,9 @@ def _near(example: ExampleMotion) -> Iterator[str]:
         yield f"#   brings {example.nearest} farther apart than {2e3 * example.usual:.1f} mm"
     elif example.clear is not None and 0 <= example.clear < CLEARANCE:
         yield "[limits]"
-        about = f"invented; links are {1e3 * example.clear:.2g} mm apart in the example; default {CLEARANCE}"
+        about = (
+            f"{_INVENTED}; links of the example are {1e3 * example.clear:.2g} mm apart; default {CLEARANCE}"
+        )
         value = f"{np.floor(8e3 * example.clear) / 1e4:g}"
         yield _line(LIMIT_KEYS, "clearance", value, about, mark=True)
 

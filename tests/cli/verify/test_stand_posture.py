@@ -155,7 +155,7 @@ def test_the_headline_of_a_base_that_accelerates_names_the_overshoot(capsys):
             "--base-acceleration: expected 2 finite",
         ),
         (["--base-turning", "1"], "--base-turning: needs --posture"),
-        ([], "is a motion task (ocptip plan), not a scene; for its robot at rest give --posture"),
+        ([], "is a motion task (ocptip plan), not a scene; for its robot at rest give --posture start"),
     ],
 )
 def test_mistakes_are_named(capsys, options, message):

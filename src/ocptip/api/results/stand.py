@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -98,10 +98,18 @@ class Standing:
         if path.suffix == ".json":
             write_json(path, self.to_dict())
             return path
-        pictures.scene.plot_scene(
-            self.scene, self.states, self.tip, reported_slip(self.states, self.slip), path
-        )
+        slip, below = reported_slip(self.states, self.slip), "; ".join(self._not_in_state)
+        pictures.scene.plot_scene(self.scene, self.states, self.tip, slip, path, below=below)
         return path
+
+    @property
+    def _not_in_state(self) -> Iterator[str]:
+        """What is not stable although the state that is drawn is."""
+        if self.states.persistent[0] and not self.stable:
+            scope = f"within {self.within.scope}" if self.nominally_stable else "in every solution"
+            yield f"NOT STABLE {scope}"
+        if self.posture and self.posture.refusals:
+            yield "the arm cannot rest there"
 
     def require(self, text: str) -> tuple[Outcome, ...]:
         """Return which requirements the base meets.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from ocptip.api.stand import stand
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import (
     NOISE,
+    WIDTH,
     joint_words,
     margin_text,
     percent,
@@ -114,7 +116,8 @@ class StandReport(GatedReport):
         rows = fitted([*self._margins(), *under("Required", self.outcomes)])
         objects = self._object_table() if self.result.objects else []
         changes = changes_table(self.result.sensitivities, "What if")
-        parts = [[self.headline, *rows], objects, self._contact_table(), changes, fitted(self._summary())]
+        head = textwrap.wrap(self.headline, WIDTH, subsequent_indent=" " * 8)
+        parts = [[*head, *rows], objects, self._contact_table(), changes, fitted(self._summary())]
         return "\n\n".join("\n".join(part) for part in parts if part)
 
     @property
@@ -187,7 +190,7 @@ class StandReport(GatedReport):
             rows.append(("Max slope", _slope_text(result.largest_slope)))
         if largest := result.largest_payload:
             scope = f"within {result.tolerance.title}" if result.tolerance.given else "nominal"
-            rows.append(("Max payload", f"in total at the TCP, {scope}, limits kept: {largest}"))
+            rows.append(("Max payload", f"{largest}; all that hangs at the TCP, {scope}, limits kept"))
         if result.posture and (share := result.possible_process) is not None:
             scope = f"within {result.tolerance.title}" if result.tolerance.given else "nominal"
             kept = "all of it keeps" if share == 1 else f"{np.floor(100 * share):.0f} % of it keep"

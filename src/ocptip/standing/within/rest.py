@@ -23,7 +23,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import margin_text, quantity, towards
+from ocptip.basics.text import enumerated, margin_text, quantity, towards
 from ocptip.contact.support import Load, Support
 from ocptip.numerics.inertia import RigidBody
 from ocptip.numerics.vectors import cross
@@ -334,12 +334,15 @@ class RestCase:
         return FrictionDemand.of(self.footing.support, self._wrenches([off])[0])
 
     def words(self, off: Off) -> str:
-        """The deviations in words: "base mass -0.5 kg, tilt 0.5 deg towards -y"."""
-        results = [self._name] if self._name else []
-        changes = zip(self._weights, off.masses - self._masses, off.shifts, strict=True)
-        for weight, more, shift in changes:
+        """The deviations in words: "base mass and link 1 -5 %, link 2 +5 %, tilt 0.5 deg towards -y"."""
+        changed: dict[str, list[str]] = {}
+        for weight, more in zip(self._weights, off.masses - self._masses, strict=True):
             if more:
-                results.append(f"{weight.name} {more:+.3g} kg")
+                change = f"{100 * more / weight.mass:+.3g} %" if weight.mass else f"{more:+.3g} kg"
+                changed.setdefault(change, []).append(weight.name)
+        results = [self._name] if self._name else []
+        results += [f"{enumerated(names)} {change}" for change, names in changed.items()]
+        for weight, shift in zip(self._weights, off.shifts, strict=True):
             if shift.any():
                 moved = [f"{1e3 * d:+.3g} mm in {axis}" for axis, d in zip("xyz", shift, strict=True) if d]
                 results.append(f"centre of {weight.name.removesuffix(' mass')} {' and '.join(moved)}")
