@@ -227,7 +227,7 @@ def _tipping(ax: Any, curves: PlanCurves) -> None:
     limits = np.array([moment_at(index, reference) for index in curves.limit("GN").tolist()])
     _limit(ax, curves, quantity, limits, "limit")
     _worst_limit(ax, quantity, row)
-    ax.set_ylim(bottom=0.0)
+    ax.set_ylim(bottom=min(0.0, ax.get_ylim()[0]))  # below zero the base tips
     _finish(ax, curves, _title(TITLES[kinds.TIPPING], row), quantity.label)
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ocptip.basics.text import some
 from ocptip.robots.collision.gaps import GapLabel
 from ocptip.robots.geometry import FLOOR
 from ocptip.standing.instants import Instants
@@ -21,6 +22,7 @@ from ocptip.standing.within.in_motion import WithinTolerance
 GAP_SCALE = 10.0  # rows of distances are in 0.1 m
 FAR = 0.1  # m beyond the clearance: how far a pair may be so that its distance is computed exactly
 CLOSE = 0.02  # m: the same of a pair with joints that are late; farther ones are where slopes say
+_MOST = 4  # pairs in a text, the nearest
 _FLOOR_HINT = "; other floor: [[obstacle]] of kind 'floor'; none: floor = false in [base]"
 _PARTS_HINT = "; convex solids nearer to the meshes: mesh_parts = 16 or more in [arm]"
 BESIDE = 0.03  # m: the same, beyond what joints that are late can bring it nearer
@@ -78,8 +80,8 @@ class ClearanceLimit(AskedLimit):
                     hints.append(_FLOOR_HINT)
                 if meshes and meshes >= self.number:
                     hints.append(_PARTS_HINT)
-            parts = [f"collision: {', '.join(overlaps)}"] if overlaps else []
-            parts += [f"{', '.join(apart)}, must be >= {1e3 * self.number:.1f} mm"] if apart else []
+            parts = [f"collision: {some(overlaps, _MOST)}"] if overlaps else []
+            parts += [f"{some(apart, _MOST)}, must be >= {1e3 * self.number:.1f} mm"] if apart else []
             texts.append(f"{where}{', '.join(parts)}")
             least = min(gap for _, gap in near.values())
             if apart:
@@ -90,7 +92,8 @@ class ClearanceLimit(AskedLimit):
                 hints.insert(0, f"; {less}")
         if not texts:
             return ""
-        meant = f" = [{', '.join(dict.fromkeys(pairs))}] in [arm]" if pairs else ""
+        pairs = list(dict.fromkeys(pairs))[:_MOST]
+        meant = f" = [{', '.join(pairs)}] in [arm]" if pairs else ""
         return (
             f"{'; '.join(texts)}{''.join(dict.fromkeys(hints))}; where that is meant: excluded_links{meant}"
         )
