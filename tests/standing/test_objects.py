@@ -26,6 +26,7 @@ from ocptip.motion.stops.cancels import safe_decelerations
 from ocptip.motion.stops.check import check_stops
 from ocptip.motion.stops.rules import StopRules
 from ocptip.motion.task import MotionTask
+from ocptip.motion.tolerated import tolerated
 from ocptip.numerics.cone_program import quiet_settings, solve_cones
 from ocptip.reserves.tipping import moment_at
 from ocptip.retiming.among import no_worse_than_line
@@ -112,6 +113,25 @@ def test_the_wrench_on_an_object_is_what_it_adds_to_the_load_of_the_arm(seed):
         force = turn @ found[k, :3]
         moment = turn @ found[k, 3:] + np.cross(centre, force)
         np.testing.assert_allclose(np.r_[force, moment], (with_it - without)[k], rtol=1e-9, atol=1e-9)
+
+
+def test_a_motion_tolerates_what_its_box_does_by_hand():
+    """Accelerated by a, a box tips where a and the tilt ask for more than its width, a slide lets it slip."""
+    a, wide, high = 2.0, 0.05, 0.15
+    motion = Trajectory.from_profiles([0.0], [[RampCommand(0.5, 1.0, a)]])
+    found = {one.quantity: one for one in tolerated(on_a_slide([BOX]), motion)}
+    tilt = np.degrees(np.arctan2(wide, high) - np.arcsin(a * high / (G * np.hypot(wide, high))))
+    for name, value in {
+        "faster": 100 * (np.sqrt(G * wide / (high * a)) - 1),
+        "friction": a / (BOX.friction * G),
+        "tilt": tilt,
+    }.items():
+        assert found[name].value == pytest.approx(value, rel=5e-3)
+        assert found[name].how.startswith("box ")
+    assert found["delay"].at_most
+    alone = {one.quantity: one for one in tolerated(on_a_slide([]), motion)}
+    assert alone["faster"].value > 2 * found["faster"].value
+    assert found["extra_mass"].value < alone["extra_mass"].value  # the box loads the arm
 
 
 @pytest.mark.parametrize("drives", [True, False])

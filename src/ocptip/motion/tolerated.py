@@ -3,7 +3,8 @@
 The loads are linear in what deviates: gravity (a tilted floor), mass at the TCP, a push, the square of a
 speed factor. So those of all instants are computed once and combined. At every level the contact forces, GN
 and GT are computed again: lost means GN or GT at 1, whatever smaller limits the motion keeps. Sampled
-instants and directions are checked; other limits (torques, clearance) are not.
+instants and directions are checked; other limits (torques, clearance) are not. Of objects that only contacts
+hold, the same contacts count; what is pushed or added at the gripper does not load them.
 """
 
 from __future__ import annotations
@@ -24,14 +25,16 @@ from ocptip.numerics.threads import one_thread
 from ocptip.reserves.slip import known
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.directions import pushes, slopes, tilted
-from ocptip.standing.at_rest.load_cases import MotionLoads
+from ocptip.standing.at_rest.load_cases import LinearLoads, MotionLoads, ObjectLoads
 from ocptip.standing.at_rest.loss_search import CLOSE, Deviation, Loads, LossSearch
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
+from ocptip.standing.footing import Footing
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 SPACING = 0.01  # s: between instants, at most
 MOST_LATE = 6  # joints of which every subset may be late
+_NO_DELAY = 3e3 * INSIDE  # ms: states at steps are so close to these that less is none
 TILT, SPEED, DELAY = np.radians(30.0), 1.0, 0.1  # rad, share, s: what is looked at, at most
 
 _WORDS = {
@@ -141,6 +144,7 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
       infinite if a foot lifts on the stiffest, then `between` says on which none does, if on any;
     - delay: delay of any of the joints, ms (up to six joints that move).
 
+    Of the first four times of objects: the least of base and objects; compliant feet are left out then.
     All values are zero for a nominal motion that loses a contact.
 
     Raises:
@@ -148,15 +152,11 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     """
     robot.require_fit(motion.n)
     robot = robot.during(motion)
-    parts = MotionLoads(robot, motion, np.union1d(motion.both_sides(SPACING), _knots(robot, motion)))
-    contacts = LossSearch(robot)
+    times = np.union1d(motion.both_sides(SPACING), _knots(robot, motion))
+    parts = MotionLoads(robot, motion, times)
+    base = _Tolerating(robot, parts, times)
+    least = base.in_motion(_late(robot, motion, lambda *states: robot.loads(*states)[1]))
     free, nominal = robot.support.gravity, parts.total()
-
-    def tilts(sides: np.ndarray) -> list[Deviation]:
-        def under(side: np.ndarray) -> Loads:
-            return lambda angle: nominal + parts.per_gravity @ (tilted(free, side, angle) - free)
-
-        return [_towards(side, "downhill ", under(side)) for side in sides]
 
     def forces(sides: np.ndarray) -> list[Deviation]:
         per_newton = map(parts.at_tool, sides)
@@ -165,41 +165,117 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
             for side, one in zip(sides, per_newton, strict=True)
         ]
 
-    def alone(loads: Loads) -> Callable[[np.ndarray], list[Deviation]]:
-        return lambda _: [Deviation(loads)]
+    most_push = float(np.linalg.norm(free)) * robot.mass
+    mass = base.largest("extra_mass", "kg", 1.0, robot.mass, _alone(lambda m: nominal + m * parts.extra))
+    least["extra_mass"] = replace(mass, drives=parts.held_by_drives(robot, motion))
+    least["push"] = base.largest("push", "N", 1.0, most_push, forces, pushes(free))
+    for number, footing in enumerate(robot.interfaces[1:]):
+
+        def wrenches(q: Any, qd: Any, qdd: Any, acting: Any, number: int = number) -> np.ndarray:
+            return robot.object_wrenches(q, qd, qdd, robot.acts.split(acting)[1])[number]
+
+        loads = ObjectLoads(robot, motion, times, number)
+        of_object = _Tolerating(footing, loads, times)
+        for name, result in of_object.in_motion(_late(robot, motion, wrenches)).items():
+            if name not in least or _worse(result, least[name]):
+                least[name] = result
+    feet = None if robot.objects else _stiffness(robot, motion)
+    results = (least.get(name) for name in _WORDS)
+    return tuple(one for one in (*results, feet) if one is not None)
+
+
+class _Tolerating:
+    """What the contacts of the base, or of an object, tolerate under the loads of a motion.
+
+    Args:
+        footing: with these contacts.
+        parts: the loads.
+        times: of them, s.
+    """
+
+    def __init__(self, footing: Footing, parts: LinearLoads, times: np.ndarray) -> None:
+        self._footing, self._parts, self._times = footing, parts, times
+        self._contacts = LossSearch(footing)
+        self._what = "" if footing is parts.robot else f"{footing.name} "
 
     def largest(
-        quantity: str, unit: str, scale: float, most: float, *searched: Any, times: np.ndarray = parts.times
+        self,
+        quantity: str,
+        unit: str,
+        scale: float,
+        most: float,
+        *searched: Any,
+        times: np.ndarray | None = None,
     ) -> Tolerated:
-        result = contacts.largest(most, *searched)
+        """The largest level of a deviation, see `LossSearch.largest`."""
+        result, times = self._contacts.largest(most, *searched), self._times if times is None else times
         lost = result.row >= 0
-        time = float(times[result.row]) if lost else np.nan
-        return Tolerated(quantity, float(scale * result.level), unit, not lost, time, result.how)
+        time, how = (float(times[result.row]), self._what + result.how) if lost else (np.nan, "")
+        return Tolerated(quantity, float(scale * result.level), unit, not lost, time, how)
 
-    most_push = float(np.linalg.norm(free)) * robot.mass
-    mass = largest("extra_mass", "kg", 1.0, robot.mass, alone(lambda m: nominal + m * parts.extra))
-    times, late = _late(robot, motion)
-    results = [
-        largest("tilt", "deg", np.degrees(1.0), TILT, tilts, slopes(free)),
-        replace(mass, drives=parts.held_by_drives(robot, motion)),
-        largest("push", "N", 1.0, most_push, forces, pushes(free)),
-        _least_friction(robot, contacts, parts.times, nominal),
-        largest("faster", "%", 100.0, SPEED, alone(lambda e: parts.total(speed=1 + e))),
-        largest("delay", "ms", 1e3, DELAY, lambda _: late, times=times),
-        _stiffness(robot, motion),
-    ]
-    return tuple(one for one in results if one is not None)
+    def in_motion(self, late: tuple[np.ndarray, list[Deviation]]) -> dict[str, Tolerated]:
+        """By quantity: tilt, friction, speed, and delay with its times and wrenches."""
+        parts, nominal, free = self._parts, self._parts.total(), self._parts.robot.support.gravity
+
+        def tilts(sides: np.ndarray) -> list[Deviation]:
+            def under(side: np.ndarray) -> Loads:
+                return lambda angle: nominal + parts.per_gravity @ (tilted(free, side, angle) - free)
+
+            return [_towards(side, "downhill ", under(side)) for side in sides]
+
+        delays, subsets = late
+        delay = self.largest("delay", "ms", 1e3, DELAY, lambda _: subsets, times=delays)
+        if delay.value <= _NO_DELAY:  # joints that are apart at an acceleration step are what fails
+            delay = replace(delay, value=0.0)
+        results = [
+            self.largest("tilt", "deg", np.degrees(1.0), TILT, tilts, slopes(free)),
+            self._least_friction(nominal),
+            self.largest("faster", "%", 100.0, SPEED, _alone(lambda e: parts.total(speed=1 + e))),
+            delay,
+        ]
+        return {one.quantity: one for one in results if one is not None}
+
+    def _least_friction(self, wrenches: np.ndarray) -> Tolerated | None:
+        """The minimum factor of friction coefficients of ordinary contacts; None without such contacts."""
+        footing = self._footing
+        if not any(isinstance(c, UnilateralContact) for c in footing.support.contacts):
+            return None
+
+        def lost(factor: float) -> tuple[int, str] | None:
+            changed = [
+                replace(c, friction=factor * c.friction) if isinstance(c, UnilateralContact) else c
+                for c in footing.support.contacts
+            ]
+            return LossSearch(footing.on(footing.support.varied(changed))).lost(wrenches)
+
+        def near(low: float, high: float) -> bool:
+            return high - low <= 0.5 * CLOSE or high <= 1e-3
+
+        factor, result = 1.0, self._contacts.lost(wrenches)
+        if result is None:
+            # The friction used is the factor that contacts need; each factor evaluated takes another solver.
+            used = float(np.max(known(footing.slip.greatest(wrenches))))
+            factor, (row, how) = bisected(lost, 1.0, 0.0, (-1, "slips"), near, lambda factor: factor <= used)
+        else:
+            row, how = result
+        if row < 0:  # it needs next to no friction
+            return Tolerated("friction", factor, "", True, np.nan, "")
+        return Tolerated("friction", factor, "", False, float(self._times[row]), self._what + how)
+
+
+def _alone(loads: Loads) -> Callable[[np.ndarray], list[Deviation]]:
+    return lambda _: [Deviation(loads)]
 
 
 def robustness(task: Task, motion: Trajectory) -> tuple[Tolerated, ...]:
-    """For every deviation the minimum over the segments; empty for parallel robots, and with objects.
+    """For every deviation the minimum over the segments; empty for parallel robots.
 
     Times are from the begin of the first segment.
     """
     least: dict[str, Tolerated] = {}
     for segment, segment_motion, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
         robot = segment.task.robot
-        for result in tolerated(Robot.of(robot), segment_motion) if robot.arm and not robot.objects else ():
+        for result in tolerated(Robot.of(robot), segment_motion) if robot.arm else ():
             placed = replace(result, time=float(begin) + result.time)
             if segment.name and not result.at_most:
                 placed = replace(placed, how=f"segment {segment.name}: {result.how}")
@@ -216,35 +292,6 @@ def _worse(one: Tolerated, other: Tolerated) -> bool:
     if one.quantity == "friction":
         return one.value > other.value
     return (one.value, one.at_most) < (other.value, other.at_most)
-
-
-def _least_friction(
-    robot: Robot, contacts: LossSearch, times: np.ndarray, wrenches: np.ndarray
-) -> Tolerated | None:
-    """The minimum factor of the friction coefficients of ordinary contacts; None without such contacts."""
-    if not any(isinstance(c, UnilateralContact) for c in robot.support.contacts):
-        return None
-
-    def lost(factor: float) -> tuple[int, str] | None:
-        changed = [
-            replace(c, friction=factor * c.friction) if isinstance(c, UnilateralContact) else c
-            for c in robot.support.contacts
-        ]
-        return LossSearch(robot.on(robot.support.varied(changed))).lost(wrenches)
-
-    def near(low: float, high: float) -> bool:
-        return high - low <= 0.5 * CLOSE or high <= 1e-3
-
-    factor, result = 1.0, contacts.lost(wrenches)
-    if result is None:
-        # The friction used is the factor that contacts need; each factor evaluated takes another solver.
-        used = float(np.max(known(robot.slip.greatest(wrenches))))
-        factor, (row, how) = bisected(lost, 1.0, 0.0, (-1, "slips"), near, lambda factor: factor <= used)
-    else:
-        row, how = result
-    if row < 0:  # it needs next to no friction
-        return Tolerated("friction", factor, "", True, np.nan, "")
-    return Tolerated("friction", factor, "", False, float(times[row]), how)
 
 
 def _stiffness(robot: Robot, motion: Trajectory) -> Tolerated | None:
@@ -275,10 +322,11 @@ def _knots(robot: Robot, motion: Trajectory) -> np.ndarray:
     return knots[(knots > 0) & (knots < motion.end)]
 
 
-def _late(robot: Robot, motion: Trajectory) -> tuple[np.ndarray, list[Deviation]]:
-    """Times of wrenches; every subset of the joints that move, delayed by the level.
-
-    Above `MOST_LATE` joints each is delayed alone.
+def _late(
+    robot: Robot, motion: Trajectory, wrenches: Callable[..., np.ndarray]
+) -> tuple[np.ndarray, list[Deviation]]:
+    """Times of wrenches, which are functions of states and what acts; every subset of the joints that move,
+    delayed by the level. Above `MOST_LATE` joints each is delayed alone.
     """
     moving = np.flatnonzero(motion.speed_peaks > 0)
     if len(moving) > MOST_LATE:
@@ -299,7 +347,7 @@ def _late(robot: Robot, motion: Trajectory) -> tuple[np.ndarray, list[Deviation]
         def loads(delay: float) -> np.ndarray:
             now, then, acting = both(delay)
             q, qd, qdd = (np.where(late, b, a) for a, b in zip(now, then, strict=True))
-            return robot.loads(q, qd, qdd, acting)[1]
+            return wrenches(q, qd, qdd, acting)
 
         names = (robot.names[j] for j in moving[subset])
         return Deviation(loads, how=f"delayed: {', '.join(names)}")

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.directions import NO_DIRECTION, around, pushes, slopes, tilted
 from ocptip.standing.at_rest.slope import MOST_TILT
 from ocptip.standing.footing import Footing
+from ocptip.standing.objects import carrier_motions
 from ocptip.trajectories.trajectory import Trajectory
 
 HALVINGS = 20
@@ -126,11 +127,53 @@ class RestLoads:
         return self.per_gravity @ gravity + self.process + self.at_tool(force)
 
 
-class MotionLoads(RestLoads):
+class LinearLoads(Protocol):
+    """Wrenches on a base or an object at instants (N,) of a motion, by what they are linear in.
+
+    Attributes:
+        robot: on its base.
+        per_gravity: (N, 6, 3) per component of gravity, N per m/s^2, in base axes.
+        process: (N, 6) of what acts besides.
+        inertial, crossed: (N, 6), in proportion to the square of the arm's speed, and to it.
+    """
+
+    robot: Robot
+    per_gravity: np.ndarray
+    process: np.ndarray
+    inertial: np.ndarray
+    crossed: np.ndarray
+
+    def total(self, gravity: np.ndarray | None = None, speed: float = 1.0) -> np.ndarray:
+        """Wrenches (N, 6) with gravity (3,), m/s^2, and the arm's speed times `speed`."""
+        gravity = self.robot.support.gravity if gravity is None else gravity
+        moving = speed**2 * self.inertial + speed * self.crossed
+        return self.per_gravity @ gravity + self.process + moving
+
+
+class ObjectLoads(LinearLoads):
+    """Wrenches on the object of that number, about its centre of mass, in axes of what carries it."""
+
+    def __init__(self, robot: Robot, motion: Trajectory, times: np.ndarray, number: int) -> None:
+        q, qd, qdd = motion.states(times)
+        base_motion, held = robot.acts.split(robot.acting(times))[1], robot.carried[number]
+
+        def wrench(share: float, gravity: np.ndarray) -> np.ndarray:
+            states = q, share * qd, share**2 * qdd
+            motions = carrier_motions(robot.arm, gravity, *states, base_motion)
+            return np.broadcast_to(motions[held.carrier].inertial_wrench(held.footing.support), (len(q), 6))
+
+        self.robot, self.process = robot, wrench(0.0, np.zeros(3))
+        weights = [wrench(0.0, axis) for axis in np.eye(3)]
+        self.per_gravity = np.stack(weights, axis=2) - self.process[:, :, None]
+        forth, back = (wrench(share, np.zeros(3)) for share in (1.0, -1.0))
+        self.inertial, self.crossed = 0.5 * (forth + back) - self.process, 0.5 * (forth - back)
+
+
+class MotionLoads(RestLoads, LinearLoads):
     """Wrenches on the base of an arm at instants (N,) of a motion, by what they are linear in."""
 
     def __init__(self, robot: Robot, motion: Trajectory, times: np.ndarray) -> None:
-        self.times, self.support = times, robot.support
+        self.times = times
         q, qd, qdd = motion.states(times)
         super().__init__(robot, q, robot.acting(times))
         arm, about = robot.arm.without_process, robot.support.center_of_mass
@@ -150,7 +193,7 @@ class MotionLoads(RestLoads):
             back = wrench(arm, (-qd, qdd), np.zeros(3))
             self.crossed = 0.5 * (self.inertial - back)
             self.inertial = 0.5 * (self.inertial + back) - wrench(arm, (0 * qd, 0 * qdd), np.zeros(3))
-        with_it, without = (loads(model, moving, self.support.gravity) for model in (one, bare))
+        with_it, without = (loads(model, moving, robot.support.gravity) for model in (one, bare))
         self.extra, self._extra_torques = with_it.wrench - without.wrench, with_it.torque - without.torque
 
     def held_by_drives(self, robot: Robot, motion: Trajectory) -> float | None:
@@ -163,12 +206,6 @@ class MotionLoads(RestLoads):
             masses = np.where(per_kilogram != 0, unused / np.abs(per_kilogram), np.inf)
         least = max(float(np.min(masses)), 0.0)
         return least if np.isfinite(least) else None
-
-    def total(self, gravity: np.ndarray | None = None, speed: float = 1.0) -> np.ndarray:
-        """Wrenches (N, 6) on the base with gravity (3,), m/s^2, and the arm's speed times `speed`."""
-        gravity = self.support.gravity if gravity is None else gravity
-        moving = speed**2 * self.inertial + speed * self.crossed
-        return self.per_gravity @ gravity + self.process + moving
 
 
 def load_cases(robot: Robot, asked: LoadCaseGrid) -> list[LoadCase]:
