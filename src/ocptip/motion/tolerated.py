@@ -144,7 +144,7 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
       infinite if a foot lifts on the stiffest, then `between` says on which none does, if on any;
     - delay: delay of any of the joints, ms (up to six joints that move).
 
-    Of the first four times of objects: the least of base and objects; compliant feet are left out then.
+    Tilt, friction, speed and delay are the minimum over base and objects; with objects feet are rigid.
     All values are zero for a nominal motion that loses a contact.
 
     Raises:
