@@ -7,7 +7,10 @@ import pytest
 
 import ocptip
 from ocptip.basics.errors import InputError
+from ocptip.cli.verify.certify import CertifyReport
 from ocptip.motion.check import check_motion
+from ocptip.motion.files.plan_files import drives_of, planned_to_dict
+from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.plan import plan_motion
 from ocptip.task_files.cycle import load_cycle
 from ocptip.task_files.motion import load_task
@@ -17,6 +20,7 @@ from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from tests.motion.test_task import TWO_JOINTS, URDF
+from tests.pictures.plan_stand_in import plan_of
 from tests.quick import some
 
 JERK = 40.0  # rad/s^3
@@ -66,6 +70,17 @@ def test_retimed_paths_keep_them_where_the_curvature_has_no_step(tmp_path):
     assert np.all(timing.timed.motion.jerk_peaks <= JERK * (1 + 1e-6))
     assert np.max(timing.timed.motion.jerk_peaks) > 0.9 * JERK
     assert not any("jerk" in note for note in plan.task.robot.notes)
+
+
+def test_a_motion_of_profiles_is_smoothed_for_them(tmp_path):
+    """Its accelerations have steps, and so has the curvature of its path."""
+    task = load_task(limited(tmp_path, URDF))
+    plan = ocptip.retime(task, profiles(task, 0.0))
+    assert plan.verified
+    assert 0.5 < plan.check.worst["jerk_ratio"].value < 1 + 1e-3
+    (timing,) = plan.timings
+    assert not timing.fit.path.bends.size
+    assert np.max(timing.fit.distance) < 1e-4
 
 
 def test_a_path_with_a_step_of_its_curvature_breaks_them(tmp_path):
@@ -177,3 +192,20 @@ def test_the_jerk_limit_of_a_task_counts_beside_those_of_the_joints(tmp_path):
         assert jerk_of(task, profiles(task, RISE)).value == pytest.approx(np.max(shares))
         assert "jerk" in task.limits.to_dict()
     assert "jerk" not in load_task(limited(tmp_path, URDF)).limits.to_dict()
+
+
+def test_assumptions_are_part_of_proofs_and_of_plans_of_cycles(tmp_path):
+    task = load_task(limited(tmp_path, URDF))
+    (note,) = [note for note in task.robot.notes if note.startswith("energy: motors are estimated")]
+    motion = profiles(task, RISE)
+    proof = ocptip.certify(task, motion)
+    assert note in proof.to_dict()["assumed"]
+    text = " ".join(CertifyReport(proof, None, yes=True).to_text().split())
+    assert f"Assumed {' '.join(task.robot.notes)}" in text
+    cycle = task_of_two_segments(tmp_path)
+    back = Trajectory.from_profiles(
+        task.goal, [[RampCommand(start, SPEED, ACCELERATION)] for start in task.start], RISE
+    )
+    parts = [plan_of(one.task, way) for one, way in zip(cycle.segments, (motion, back), strict=True)]
+    plan = MotionPlan.of_cycle(cycle, parts, seconds=0.0, options={})
+    assert note in planned_to_dict(plan, drives_of(plan), plan.checked)["assumed"]

@@ -50,7 +50,7 @@ class Certified(CheckedMotion):
             "motion": self.name,
             "task": self.task.name,
             **self.checked.to_dict(),
-            "assumed": list(self.assumed),
+            "assumed": [*self.task.robot.notes, *self.assumed],
             "versions": versions(),
         }
 

@@ -261,12 +261,12 @@ def retime(
         if task is None:
             raise InputError("task: missing; a motion that is no file does not say which robot it is of")
         task, name = load_task(task, base=base), "motion"
-        given = path_along(path, task, path_tolerance)
+        given = path_along(path, task, path_tolerance, jerk is not None)
     else:
         refuse_early(path)  # the task may have to be compiled first
         task, file = task_of_motion(path, task, base)
         reading = {"columns": columns, "unit": unit, "rate": rate, "topic": topic}
-        reading["with_base"] = limits_of_base is not None
+        reading |= {"with_base": limits_of_base is not None, "smooth": jerk is not None}
         name, given = file.name, load_path(file, task, tolerance=path_tolerance, **reading)
     task = driving(task, drive_profile)
     if limits_of_base and task.is_cycle:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics import schema
-from ocptip.basics.errors import naming, positive_number
+from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Table
 from ocptip.motion.cycles.check import segments_of
@@ -92,6 +92,7 @@ def load_path(
     columns: Mapping[str, str | int] | None = None,
     topic: str | None = None,
     with_base: bool = False,
+    smooth: bool = False,
 ) -> GivenPath:
     """Read a path: waypoints (TOML), or any motion that `load_motion` reads, whose times are a comparison.
 
@@ -102,6 +103,7 @@ def load_path(
             corners are blended, noise is smoothed. Default: that of a file of waypoints, or none.
         unit, rate, columns, topic: see `load_motion`; the task's start is where the robot is at 0 s.
         with_base: motions also have x, y, m, and yaw of the base; columns of paths begin with them.
+        smooth: see `path_along`.
 
     Raises:
         InputError: the file cannot be read, holds no path, or one of another robot; one line that says where.
@@ -117,16 +119,32 @@ def load_path(
     known = {"unit": unit or "", "start": start, "rate": rate, "columns": columns, "topic": topic}
     motion = load_motion(path, names, units, several=True, **known)
     with naming(path.name):
-        return path_along(motion, task, tolerance)
+        return path_along(motion, task, tolerance, smooth)
 
 
-def path_along(motion: Trajectory, task: Task, tolerance: float | None = None) -> GivenPath:
-    """The path of a motion, whose times are a comparison; see :func:`load_path`."""
+def path_along(
+    motion: Trajectory, task: Task, tolerance: float | None = None, smooth: bool = False
+) -> GivenPath:
+    """The path of a motion, whose times are a comparison; see :func:`load_path`.
+
+    Its curvature has no steps if it is to be smooth, or if joints have jerk limits and a smooth curve along
+    the motion can be followed at nearly its speed.
+    """
     if motion.n != task.robot.n + len(POSE):  # with its base
         task.robot.require_fit(motion.n)
     motions = segments_of(task, motion).segments
     within = None if not tolerance else joint_tolerance(task, tolerance, motion.n > task.robot.n)
-    return GivenPath(tuple(path_of_motion(one, within) for one in motions), motions)
+    paths = []
+    for one, segment in zip(motions, task.segments, strict=True):
+        limited = np.isfinite(segment.task.limits.jerks(segment.task.robot.limits)).any()
+        try:
+            path = path_of_motion(one, within, smooth=smooth or limited)
+        except InputError:
+            if smooth or not limited:
+                raise
+            path = path_of_motion(one, within)
+        paths.append(path)
+    return GivenPath(tuple(paths), motions)
 
 
 def joint_tolerance(task: Task, tolerance: float, with_base: bool = False) -> np.ndarray:

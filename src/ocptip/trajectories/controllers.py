@@ -30,6 +30,7 @@ update, so this default is on the strict side for controllers at 100 to 250 Hz.
 """
 
 NEAREST = 1e-6  # s: points are not nearer to each other than this
+_APART = 0.01  # of a step, where accelerations have none
 SHORTEST = 1e-3  # s: of a motion
 ROUNDING = 1e-9  # s: of times
 
@@ -59,7 +60,8 @@ def controller_points(motion: Trajectory, controller: Controller, *, step: float
         times = step * np.arange(np.ceil(motion.end / step) + 1)
         return Trajectory.from_points(stamped(times), motion.states(times)[0], period=step)
     if controller == "cubic":
-        times = _spread(motion.event_times, step)
+        steady = motion.timing is not None and motion.timing.times is not None
+        times = _spread(motion.event_times, step, _APART * step if steady else NEAREST)
         angles, speeds, _ = motion.states(times)
         if motion.profiles is not None:
             _rest(motion, times, angles, speeds)
@@ -86,15 +88,16 @@ def usual_step(controller: Controller) -> float:
     return 1 / UPDATE_RATE if controller == "linear" else STEP
 
 
-def _spread(events: np.ndarray, step: float) -> np.ndarray:
+def _spread(events: np.ndarray, step: float, apart: float = NEAREST) -> np.ndarray:
     """Switching times and multiples of `step` between them, none too near to another one; both ends stay.
 
     Multiples keep a tenth of a step from switching times: rounded times weigh more the shorter an interval
-    is.
+    is. Where accelerations do not step at switching times, these need not be kept exactly: in an interval of
+    some microseconds, the jerk would be that of the rounding.
     """
     end, kept = events[-1], [events[0]]
     for time in events[1:]:
-        if time - kept[-1] >= NEAREST and (time == end or end - time >= NEAREST):
+        if time - kept[-1] >= apart and (time == end or end - time >= apart):
             kept.append(time)
     events = np.array(kept)
     grid = step * np.arange(1, np.ceil(end / step))

@@ -104,7 +104,9 @@ class FittedPath:
         return joints, tool
 
 
-def path_of_motion(motion: Trajectory, tolerance: float | np.ndarray | None = None) -> FittedPath:
+def path_of_motion(
+    motion: Trajectory, tolerance: float | np.ndarray | None = None, *, smooth: bool = False
+) -> FittedPath:
     """The path that a motion takes; its times are forgotten.
 
     Args:
@@ -112,6 +114,7 @@ def path_of_motion(motion: Trajectory, tolerance: float | np.ndarray | None = No
             trajectory without velocities) are points: a smooth curve goes through them, or within a tolerance
             straight lines.
         tolerance: rad or m, or (n,): how far the path may be from it; default: nearly 0.
+        smooth: the curvature has no steps where accelerations of profiles have, as jerk limits need it.
 
     Raises:
         InputError: it does not move, its samples are noisy beyond the tolerance, or a curve within the
@@ -129,7 +132,7 @@ def path_of_motion(motion: Trajectory, tolerance: float | np.ndarray | None = No
     if motion.fit is not None:
         _refuse_noise(motion.fit, wanted)
         wanted = np.maximum(wanted, motion.fit.tolerance)
-    legs, ramps = [], motion.profiles is not None
+    legs, ramps = [], motion.profiles is not None and not smooth
     for begin, end in _moving(motion):
         leg = Leg.of_ramps(motion, begin, end) if ramps else None
         if leg is not None:
@@ -138,7 +141,7 @@ def path_of_motion(motion: Trajectory, tolerance: float | np.ndarray | None = No
         events = motion.event_times
         events = events[(events >= begin) & (events <= end)]
         counts = np.ceil(SAMPLES / (end - begin) * np.diff(events)).astype(int)
-        counts = np.maximum(counts, IN_RAMP if ramps else 2)
+        counts = np.maximum(counts, 2 if motion.profiles is None else IN_RAMP)
         owner = np.repeat(np.arange(len(counts)), counts)
         first = np.append(0, np.cumsum(counts))
         share = (np.arange(first[-1]) - first[owner]) / counts[owner]

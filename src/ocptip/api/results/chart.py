@@ -229,6 +229,7 @@ class LoadChart(SavedFolder):
             "chart": self.raised.title,
             "scope": self.scope,
             "not_covered": [*self.not_covered, *self.ignored],
+            "assumed": list(self.robot.notes),
             "joints": self.shares,
             "tolerance": limits.tolerance.to_dict(),
             "limits": {name: getattr(limits, name) for name in (*names, *(within if given else ()))},

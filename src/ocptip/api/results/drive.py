@@ -405,7 +405,7 @@ class DriveEnvelope(SavedFolder):
             "stands": self.stands,
             "broken": list(self.broken),
             "scope": self.scope,
-            "assumed": ASSUMED,
+            "assumed": [ASSUMED, *self.robot.notes],
             "not_covered": list(self.not_covered),
             "tolerance": self.tolerance.to_dict(),
             "joints": dict(zip(self.robot.names, self.q.tolist(), strict=True)),

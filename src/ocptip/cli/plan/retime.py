@@ -90,6 +90,8 @@ def slowed_text(timing: Timing) -> str:
     """By which factor the check has slowed the timing down, or that it could not; empty: nothing to say."""
     timed = timing.timed
     steps = timing.task.limits.tolerance.overshoot and timed.jerk is None
+    if any(one.name == "jerk_ratio" for one in timed.check.violations):
+        return ""  # a note says why no timing keeps it
     if not timed.check.timed_well:
         text = f"the check finds broken limits also up to {SLOWEST:g} times slower, as far as allowed"
         return f"{text}: try another path{' or --jerk' if steps else ''}"

@@ -17,7 +17,7 @@ from ocptip.certificate.describe import drive_words, tolerance_words
 from ocptip.certificate.result import Certificate, claim_rows
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.cli.command import Report, ResultReport
-from ocptip.cli.layout import files_lines
+from ocptip.cli.layout import brief_notes, files_lines
 from ocptip.cli.motion_summary import notes
 from ocptip.cli.options import given_limits, naming_options, taken
 from ocptip.motion.summary import margin_table, motion_line
@@ -118,5 +118,5 @@ class CertifyReport(ResultReport):
             lines += ["", *wrapped("Proof", [f"{proof}", *segments, f"took {proof.seconds:.2f} s"])]
             lines += wrapped("Not proved", undecided, 12)
         lines += wrapped("Note", notes(checked))
-        lines += wrapped("Assumed", result.assumed)
+        lines += wrapped("Assumed", [*brief_notes(result.task.robot.notes, self.verbose), *result.assumed])
         return "\n".join([*lines, *files_lines(self.written)])

@@ -14,7 +14,7 @@ from ocptip.api.results.chart import LoadChart
 from ocptip.api.tasks import load_task
 from ocptip.basics.text import quantity, table
 from ocptip.cli.command import FolderReport
-from ocptip.cli.layout import masses, named, under
+from ocptip.cli.layout import brief_notes, masses, named, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
 from ocptip.cli.terminal import Progress
 from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, SPEED
@@ -129,6 +129,7 @@ class ChartReport(FolderReport):
         tolerance = result.limits.tolerance
         rows += under("uncertainty", tolerance.lines() if self.verbose else [])
         rows += [("robot", masses(robot))] if self.verbose else []
+        rows += under("assumed", brief_notes(robot.notes, self.verbose))
         rows.append(("not covered", ", ".join(result.not_covered)))
         if result.ignored:
             rows += under("", result.ignored)

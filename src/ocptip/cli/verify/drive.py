@@ -12,7 +12,7 @@ from ocptip.api.drive import STOW, drive
 from ocptip.api.results.drive import ASSUMED, DriveEnvelope
 from ocptip.basics.text import joint_words, quantity, table
 from ocptip.cli.command import FolderReport
-from ocptip.cli.layout import files_lines, fitted, masses, under
+from ocptip.cli.layout import brief_notes, files_lines, fitted, masses, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
 from ocptip.cli.verify.stand_posture import posture_of
 from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres, Manoeuvre
@@ -65,7 +65,7 @@ class DriveReport(FolderReport):
             *under("stops", result.stops if result.stands else []),
             *([("steps", f"{result.steps}: counted in the worst case")] if result.steps else []),
             *(under("nav2.yaml", self._navigation()) if result.stands else []),
-            ("assumed", ASSUMED),
+            *under("assumed", [ASSUMED, *brief_notes(result.robot.notes, self.verbose)]),
             *([("robot", masses(result.robot))] if self.verbose else []),
             *under("uncertainty", result.tolerance.lines() if self.verbose else []),
             ("not covered", ", ".join(result.not_covered)),

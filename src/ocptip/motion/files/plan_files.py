@@ -141,6 +141,7 @@ def planned_to_dict(plan: MotionPlan, executions: Sequence[Execution], check: Cy
             "interrupted": plan.interrupted,
             "seed": plan.seed,
             "options": plan.options,
+            "assumed": plan.task.robot.notes,
             "versions": versions(),
         }
     )
