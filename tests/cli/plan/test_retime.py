@@ -288,6 +288,6 @@ def test_a_jerk_that_is_none_is_refused(capsys: pytest.CaptureFixture[str]) -> N
 )
 def test_a_timing_that_the_check_slows_down_says_by_what_factor(cured, slower, jerk, text):
     limits = SimpleNamespace(tolerance=SimpleNamespace(overshoot=0.85))
-    timed = SimpleNamespace(check=SimpleNamespace(timed_well=cured), slower=slower, jerk=jerk)
+    timed = SimpleNamespace(check=SimpleNamespace(timed_well=cured, violations=()), slower=slower, jerk=jerk)
     found = slowed_text(SimpleNamespace(task=SimpleNamespace(limits=limits), timed=timed))
     assert re.search(text, found)
