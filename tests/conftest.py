@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import pickle
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +17,8 @@ from threadpoolctl import threadpool_limits
 
 from ocptip.motion import tolerated
 from ocptip.standing.at_rest.load_cases import tilt_by_direction
+from ocptip.standing.tolerance import NONE
+from ocptip.task_files import cycle
 from tests import places
 from tests.quick import examples
 
@@ -99,6 +102,35 @@ def robustness_once():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(tolerated, "tolerated", remembered)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def files_once():
+    """Commands read equal task files once, with all that robots build when they are first asked."""
+    known = {}
+
+    def once(read):
+        def remembered(path, otherwise=NONE):
+            folder = Path(path).absolute().parent
+            others = [(file, file.stat()) for file in sorted(folder.rglob("*")) if file.is_file()]
+            stamps = [(str(file), stat.st_size, stat.st_mtime_ns) for file, stat in others]
+            key = (read.__name__, str(path), Path(path).read_bytes(), pickle.dumps((otherwise, stamps)))
+            if key not in known:
+                with warnings.catch_warnings(record=True) as doubts:
+                    task = read(path, otherwise)
+                for doubt in doubts:
+                    warnings.warn_explicit(doubt.message, doubt.category, doubt.filename, doubt.lineno)
+                if doubts:
+                    return task
+                known[key] = task
+            return known[key]
+
+        return remembered
+
+    with pytest.MonkeyPatch.context() as patch:
+        for read in (cycle.load_task, cycle.load_cycle):
+            patch.setattr(cycle, read.__name__, once(read))
         yield
 
 
