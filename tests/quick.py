@@ -13,8 +13,14 @@ ONE_START = ("--starts", "1", "--jobs", "1", "--tolerance", "none", "--no-figure
 def some(count: int, cases: Iterable) -> list:
     """The first cases, and the others marked slow."""
     cases = list(cases)
-    marked = [case if isinstance(case, tuple) else (case,) for case in cases[count:]]
-    return [*cases[:count], *(pytest.param(*case, marks=pytest.mark.slow) for case in marked)]
+    return [*cases[:count], *map(_slow, cases[count:])]
+
+
+def _slow(case):
+    """A case, which may be a value, a tuple of them or a `pytest.param`, marked slow."""
+    if hasattr(case, "marks"):
+        return case._replace(marks=(*case.marks, pytest.mark.slow))
+    return pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)
 
 
 THOROUGH = bool(os.environ.get("OCPTIP_THOROUGH"))

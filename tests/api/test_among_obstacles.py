@@ -41,6 +41,7 @@ def plan(tmp_path_factory):
     return ocptip.plan(task_file(tmp_path_factory.mktemp("wall")), seed=1)
 
 
+@pytest.mark.slow
 def test_a_motion_around_a_wall_is_proved(plan):
     assert plan.planned.options["method"] == "path"
     assert plan.verified
@@ -99,6 +100,7 @@ def test_a_path_is_not_for_cycles_nor_without_geometry(tmp_path):
         ocptip.plan(load_task(file), method="path")
 
 
+@pytest.mark.slow
 def test_a_cycle_goes_along_paths(tmp_path):
     file = task_file(tmp_path)
     file.write_text(file.read_text().replace("goal_deg = [45", "[[segment]]\ngoal_deg = [45"))
@@ -209,6 +211,7 @@ def test_a_time_limit_interrupts_and_leaves_no_trace():
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
 
 
+@pytest.mark.slow
 def test_where_a_search_has_no_time_a_slow_motion_is_the_plan(tmp_path, monkeypatch):
     def too_slow(*_):
         raise PlanningError("direct method: no verified motion in the given time")

@@ -15,6 +15,7 @@ from ocptip.cli.main import main
 from ocptip.pictures.frame import png
 from ocptip.pictures.load_chart import chart_figure
 from tests.places import EXAMPLES
+from tests.quick import some
 
 TASK = EXAMPLES / "tasks/kit_arm.toml"
 
@@ -143,6 +144,7 @@ def test_a_parallel_robot_has_no_chart():
         ocptip.chart(EXAMPLES / "tasks/delta_cart.toml", samples=5)
 
 
+@pytest.mark.slow
 def test_payloads_on_other_bases_are_those_of_their_own_charts():
     """Ballast and foot width are changes of the task's base."""
     task = ocptip.load_task(TASK, uncertainty="none")
@@ -168,6 +170,7 @@ def test_payloads_on_other_bases_are_those_of_their_own_charts():
     assert np.nanmax(wider - before) > 0.1
 
 
+@pytest.mark.slow
 def test_files_of_a_design(tmp_path, capsys):
     arguments = [str(TASK), "--samples", "200", "--tolerance", "none", "--ballast", "0", "10", "--out"]
     assert main(["chart", *arguments, str(tmp_path / "chart")]) == 0
@@ -183,7 +186,7 @@ def test_files_of_a_design(tmp_path, capsys):
     assert "--foot-width" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("of", "unit"), [("tilt", "deg"), ("push", "N")])
+@pytest.mark.parametrize(("of", "unit"), some(1, [("tilt", "deg"), ("push", "N")]))
 def test_charts_of_tilts_and_pushes(tmp_path, of, unit):
     chart = ocptip.chart(TASK, of=of, samples=100, uncertainty="none")
     data = chart.to_dict()
@@ -195,6 +198,7 @@ def test_charts_of_tilts_and_pushes(tmp_path, of, unit):
     assert f"{of}_any_posture_{unit}" in (tmp_path / "chart/chart.csv").read_text().splitlines()[0]
 
 
+@pytest.mark.slow
 def test_payloads_by_speed_override_are_those_of_charts_at_such_speeds():
     given = {"samples": 60, "levels": [0.0], "uncertainty": "none"}
     found = ocptip.chart(TASK, joint_speed=0.2, joint_acceleration=0.4, speed_override=[0.5, 1.0], **given)

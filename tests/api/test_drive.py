@@ -130,6 +130,7 @@ def test_a_check_of_the_same_braking_says_the_same(envelope, share, good):
     assert (max(within.tip.value, within.slip.value) < 1) == good
 
 
+@pytest.mark.slow
 def test_parameters_for_navigation_hold_from_full_acceleration_to_full_braking(envelope):
     (x, _, _), (d, _, _) = (envelope.navigation[name] for name in ("max_accel", "max_decel"))
     times = np.array([0, 0.2, 0.2 + 0.2 * x / -d])
@@ -215,6 +216,7 @@ def test_mistakes_are_named(tmp_path, capsys, arguments, message):
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_stow_pose_is_clear_of_collisions_and_better_than_what_was_drawn():
     few = {"uncertainty": "none", "samples": 150}
     start, found = (ocptip.drive(TASK, posture, **few) for posture in (None, "stow"))
@@ -234,6 +236,7 @@ def test_parallel_robots_are_refused():
         ocptip.drive(EXAMPLES / "tasks/delta_cart.toml")
 
 
+@pytest.mark.slow
 def test_objects_on_the_deck_and_on_a_tray_limit_how_hard_the_base_drives():
     """A crate tips at half its width over the height of its centre, a glass on a level tray slides."""
     task = ocptip.load_task(EXAMPLES / "tasks/ur5_waiter.toml")

@@ -15,6 +15,7 @@ from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.trajectories.drive_profile import DriveProfile
 from ocptip.trajectories.trajectory import Trajectory
 from tests.places import EXAMPLES
+from tests.quick import some
 
 TASK = EXAMPLES / "tasks" / "ur5_cart.toml"
 SPEEDS = Uncertainty(speed=0.05, tilt=0.01, delay=0.01)
@@ -41,7 +42,7 @@ def manoeuvres(robot):
     return found + dataclasses.replace(curve, square=square)
 
 
-@pytest.mark.parametrize("tolerance", [NONE, SPEEDS])
+@pytest.mark.parametrize("tolerance", some(1, [NONE, SPEEDS]))
 def test_the_envelope_is_that_of_the_worst_instant(task, motion, tolerance):
     robot, paths = task.robot, manoeuvres(task.robot)
     times = motion.both_sides(0.05)
@@ -63,6 +64,7 @@ def test_the_envelope_is_that_of_the_worst_instant(task, motion, tolerance):
         assert each.largest.reshape(len(times), -1)[own, k] == pytest.approx(found.largest[k], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_at_the_limit_check_says_the_same(task, motion):
     """A base that accelerates so all the time, forwards, loses a contact a little beyond the limit."""
     found = ocptip.drive(task, motion=motion, directions=4, uncertainty="none")
@@ -104,6 +106,7 @@ def test_limits_on_stops_are_left_out_while_the_base_drives(task):
     assert any("stops of the arm, also those that the task asks for" in text for text in found.assumed)
 
 
+@pytest.mark.slow
 def test_a_check_says_which_acceleration_steps_it_covers(task):
     profile = "1 m, 0.5 m/s, 0.5 m/s^2"
     nominal = ocptip.check(task, "start", drive_profile=profile)

@@ -37,6 +37,7 @@ def recording(tmp_path_factory, measured):
     return write(tmp_path_factory.mktemp("recordings") / "r.csv", measured)
 
 
+@pytest.mark.slow
 def test_a_payload_is_that_of_the_recording(folder, recording, measured, tmp_path):
     found = ocptip.identify(recording, folder)
     expected = identify_bodies(measured, predictor(), (PAYLOAD,), tared=False)

@@ -61,6 +61,7 @@ def test_plans_of_segments_of_cycles_keep_them(tmp_path):
         assert np.all(largest_jerk(part.motion) <= JERK * (1 + 1e-6))
 
 
+@pytest.mark.slow
 def test_retimed_paths_keep_them_where_the_curvature_has_no_step(tmp_path):
     task = load_task(limited(tmp_path, URDF))
     ends = np.stack([task.goal - task.start, task.start])
@@ -72,6 +73,7 @@ def test_retimed_paths_keep_them_where_the_curvature_has_no_step(tmp_path):
     assert not any("jerk" in note for note in plan.task.robot.notes)
 
 
+@pytest.mark.slow
 def test_a_motion_of_profiles_is_smoothed_for_them(tmp_path):
     """Its accelerations have steps, and so has the curvature of its path."""
     task = load_task(limited(tmp_path, URDF))
@@ -127,7 +129,7 @@ def jerk_of(task, motion):
     return check_motion(task.robot, motion, task.limits).worst["jerk_ratio"]
 
 
-@pytest.mark.parametrize("factor", [1.0, 0.5])
+@pytest.mark.parametrize("factor", some(1, [1.0, 0.5]))
 def test_the_jerk_of_s_curves_is_exact(tmp_path, factor):
     task = load_task(limited(tmp_path, URDF))
     motion = profiles(task, RISE).time_scaled(factor)

@@ -78,6 +78,7 @@ def test_a_plan_knows_everything_about_itself(plan, task):
     assert any(row.startswith("Robust to (one at a time): ") for row in rows)
 
 
+@pytest.mark.slow
 def test_a_plan_is_checked_again_by_its_folder_or_its_objects(plan, folder, task, capsys):
     code, data = said(capsys, "check", folder)
     again = ocptip.check(folder)

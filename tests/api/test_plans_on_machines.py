@@ -59,6 +59,7 @@ def test_exported_models_are_texts_until_they_are_saved(folder, tmp_path):
         ocptip.export(folder)
 
 
+@pytest.mark.slow
 def test_the_samples_of_a_plan_agree_with_it(folder, tmp_path):
     compared = ocptip.compare(folder, folder / "motion.csv")
     assert compared.agrees

@@ -26,6 +26,7 @@ pytest.importorskip("flint")
 from tests.oracles import claims
 from tests.oracles import world_in_balls as worlds
 from tests.places import EXAMPLES
+from tests.quick import some
 
 RATES = np.array([3.0, 4.5, 6.0, 7.5, 9.0, 4.5])
 
@@ -90,6 +91,7 @@ def test_states_are_in_their_boxes(delay):
                     assert low <= value <= high
 
 
+@pytest.mark.slow
 def test_accelerations_before_a_step_are_in_boxes_until_the_delay_after_it():
     """In boxes that are much shorter than the delay: there nothing else contains these accelerations."""
     rng, (_, motion), delay = np.random.default_rng(4), _swing("B"), 0.01
@@ -112,7 +114,7 @@ def test_accelerations_before_a_step_are_in_boxes_until_the_delay_after_it():
                 assert np.all((low - 1e-9 <= values) & (values <= high + 1e-9))
 
 
-@pytest.mark.parametrize("divided", [False, True])
+@pytest.mark.parametrize("divided", some(1, [False, True]))
 def test_steps_of_the_motion_that_overshoot_are_in_their_boxes(divided):
     """Draws of the attack, in small boxes about their times: of the motion, of cancels, and of rests. Where
     delays are divided, also about when each joint is there.
@@ -307,6 +309,7 @@ def test_torques_of_cancels_are_proved_close_to_drawn_ones(nodding):
     assert "joint torque in cancels <= " in str(found)
 
 
+@pytest.mark.slow
 def test_no_drawn_cancel_is_worse_than_proved(nodding):
     """Wrenches by ball arithmetic, contact forces by a linear program."""
     _attacked(nodding[0], nodding[3], 40)
@@ -325,6 +328,7 @@ def _attacked(robot, found, count):
             assert claims._contacts(model, wrench, *asked, 1 - tolerance["friction"]) is None
 
 
+@pytest.mark.slow
 def test_cancels_that_are_too_hard_are_not_proved(nodding):
     """The times of cancels in which a contact may be lost are named."""
     robot, limits, _, found = nodding

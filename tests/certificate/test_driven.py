@@ -245,6 +245,7 @@ def _worlds(data, robot, motion, count, rng):
     return times, states, acting, own, own.driven(*states, *v)
 
 
+@pytest.mark.slow
 def test_no_world_is_worse_than_is_proved():
     """Tipping moments at the worst world of each axis, and both indices of the contact solver at corners."""
     robot, motion, checked = _proved()

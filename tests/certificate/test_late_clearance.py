@@ -93,6 +93,7 @@ def test_without_proof_of_late_joints_the_rest_is_proved(swing, proved, monkeypa
     assert "clearance_worst_case" not in found_now.verdict.bounds
 
 
+@pytest.mark.slow
 def test_a_clearance_that_is_not_proved_is_claimed_lower_within_its_limit(swing, proved, monkeypatch):
     """Sampled is 4 mm more than there is: no interval is short enough to prove that."""
     robot, motion, limits = swing
@@ -108,6 +109,7 @@ def test_a_clearance_that_is_not_proved_is_claimed_lower_within_its_limit(swing,
     assert not certify(robot, motion, high, worst).holds
 
 
+@pytest.mark.slow
 def test_that_nothing_touches_is_proved_as_such(swing):
     """Where less than a millimetre is left."""
     robot, motion, limits = swing
@@ -149,6 +151,7 @@ def test_late_distances_are_claimed_of_a_tolerance_only(proved):
     assert check_certificate(data).problems == ("unknown claims: clearance_worst_case",)
 
 
+@pytest.mark.slow
 def test_joints_that_touch_when_late_are_not_verified(swing):
     """A pillar as near to the path as joints on time allow."""
     robot, motion, limits = swing

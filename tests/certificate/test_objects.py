@@ -331,6 +331,7 @@ def _least(data, box, rng, within):
     )
 
 
+@pytest.mark.slow
 def test_what_is_accepted_of_changed_proofs_is_so():
     rng, accepted, refused = np.random.default_rng(0), 0, 0
     original = _with_box(copy.deepcopy(_data()), LEFT - 0.01, WORST - 0.01)

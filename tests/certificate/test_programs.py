@@ -104,6 +104,7 @@ def certified(request):
     return robot, motion, checked, certify(robot, motion, limits, checked.worst)
 
 
+@pytest.mark.slow
 def test_motions_of_parallel_robots_are_certified(certified):
     _, _, checked, found = certified
     assert checked.verified, checked.violations

@@ -135,6 +135,7 @@ def test_a_motion_is_certified_within_workshop():
         _refused(data, partial(_set, f"tolerance.{key}", data["tolerance"][key] * factor))
 
 
+@pytest.mark.slow
 def test_bounds_of_joints_on_time_say_so(monkeypatch):
     """Where what late joints do cannot be proved."""
     task, motion = _swing("G")
@@ -170,6 +171,7 @@ def test_a_share_of_friction_that_is_short_is_claimed_higher(monkeypatch):
     assert needed * (1 - 1e-3) < found.verdict.bounds["GT_worst_case"] < needed * (1 + 1e-3)
 
 
+@pytest.mark.slow
 def test_what_is_lost_as_sampled_is_not_searched(monkeypatch):
     task, motion = _swing("G")
     limits = Limits(tolerance=replace(WORKSHOP, extra_mass=30.0), clearance=0.0)

@@ -320,6 +320,7 @@ def test_files_of_the_user_are_not_replaced(plan, capfd, arguments):
     assert Path("secret").read_text() == SECRET
 
 
+@pytest.mark.slow
 def test_what_ocptip_wrote_is_replaced(plan):
     """By the mark in it, which every format has; those of figures are in `test_cli`."""
     scene = str(EXAMPLES / "scenes" / "rover_on_slope.toml")

@@ -44,6 +44,7 @@ def test_a_full_disk_behind_stdout(arguments):
     assert (code, err) == (BAD_INPUT, "ocptip: stdout: No space left on device\n")
 
 
+@pytest.mark.slow
 @posix
 def test_a_full_disk_behind_stderr():
     with open("/dev/full", "w") as full:
@@ -52,6 +53,7 @@ def test_a_full_disk_behind_stderr():
         assert ocptip("stand", "no.toml", stderr=full)[0] == BAD_INPUT
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("few", [10, 16])
 def test_few_open_files(few):
@@ -60,6 +62,7 @@ def test_few_open_files(few):
     assert (code, out, err) == (BAD_INPUT, "", said)
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("mebibytes", some(1, [250, 500]))
 def test_little_memory(mebibytes):
@@ -76,6 +79,7 @@ def whole():
     return time.perf_counter() - begin
 
 
+@pytest.mark.slow
 @posix
 @pytest.mark.parametrize("share", some(1, [0.3, 0.1, 0.6]))
 def test_an_interruption_while_modules_are_loaded(share, whole):

@@ -33,6 +33,7 @@ def run(tmp_path):
     return command
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [

@@ -40,7 +40,7 @@ every_space = pytest.mark.parametrize("planar", [True, False], ids=["planar", "s
 # ----------------------------------------------------------------------------------- random problems
 
 
-@pytest.mark.parametrize("seed", some(2, range(10)))
+@pytest.mark.parametrize("seed", some(1, range(10)))
 def test_random_problems_are_all_solved(seed):
     """20,000 problems in ten parts: all bindings, planar and spatial, exactly degenerate, 1e-9 to 1e6 N."""
     rng = np.random.default_rng([77, seed])
@@ -70,6 +70,7 @@ def exact(support, wrench):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("facets", some(1, [4, 5, 6, 8]))
 def test_three_coplanar_feet_move_as_in_exact_arithmetic(facets):
     """Three feet on a plane with moderate friction have one solution: 200 loads in four parts."""
@@ -526,6 +527,7 @@ def test_what_random_starts_solve_is_not_given_up(seed, number, state):
     assert_valid(solve_many(support, wrenches[state][None]))
 
 
+@pytest.mark.slow
 def test_where_pivoting_finds_nothing_it_says_so_and_the_search_decides(monkeypatch):
     monkeypatch.setattr(solver, "_ATTEMPTS", 3)  # without random starts
     support, wrenches = random_problem(1, 395, 40)  # in the plane, three clamps, these paths end in a ray

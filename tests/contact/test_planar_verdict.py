@@ -86,6 +86,7 @@ def may_move(support, wrench, sectors):
     return search(["free"] * n)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "sectors", "count"),
     [(3, 12, 3), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((4, 8, 2), (5, 8, 1)))],
@@ -104,6 +105,7 @@ def test_what_enumeration_of_modes_proves_is_strong(n, sectors, count):
     assert proved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", some(1, ["scattered", "circle"]))
 def test_no_stand_is_strong_that_another_search_sees_move(layout):
     rng = np.random.default_rng(2)
@@ -133,6 +135,7 @@ def true_cone_violation(support, state):
     return worst / np.max(np.abs(state.wrench))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", some(1, [4, 12, 6, 8, 16]))
 def test_counterexamples_obey_the_laws_with_true_cones(n):
     rng = np.random.default_rng([3, n])
@@ -211,7 +214,7 @@ def test_eight_feet_under_a_push_stand_for_sure():
     assert result.nodes < 1000
 
 
-@pytest.mark.parametrize("friction", [0.3, 2.0])
+@pytest.mark.parametrize("friction", some(1, [0.3, 2.0]))
 @pytest.mark.parametrize("n", some(2, [3, 6, 4, 9]))
 def test_where_nothing_can_stand_the_search_finds_how_it_moves(n, friction):
     """Ordinary contacts always have a solution: sliding, tipping about edges and corners, lifting off."""
@@ -341,7 +344,7 @@ def test_castors_hold_nothing_and_wheels_hold_the_cart():
     assert stability(cart([0.0] * 4), support.weight + np.array([20.0, 0, 0, 0, 0, 0])).verdict == "none"
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", some(1, range(3)))
 def test_random_stands_with_castors(seed):
     rng = np.random.default_rng([8, seed])
     for _ in range(6):
@@ -385,7 +388,7 @@ def test_a_plank_jammed_by_little_friction_is_judged(friction):
     assert clearly_moving(result.counterexample.states)[0]
 
 
-@pytest.mark.parametrize("cone", [True, False], ids=["cone", "pyramid"])
+@pytest.mark.parametrize("cone", some(1, [True, False]), ids=["cone", "pyramid"])
 def test_clamps_with_hardly_any_friction_are_judged(cone):
     """Forces of 1e6 times the load balance it to rounding of these forces, not of the load."""
     rng = np.random.default_rng(1)

@@ -26,6 +26,7 @@ from ocptip.robots.kinematics import gripper_pose
 from ocptip.task_files.platform_points import read_platform
 from tests.indices.sample_axes import random_axes
 from tests.places import EXAMPLES
+from tests.quick import some
 
 SIMULATOR = EXAMPLES / "platforms" / "flight_simulator.toml"
 BENT = np.radians([0, 30, 20, 0, 45, 0])
@@ -58,6 +59,7 @@ def test_arms_have_the_best_of_all_branches():
         assert found.maps["manipulability"][at] == pytest.approx(best, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_arms_without_closed_form_are_searched():
     axes = random_axes(np.random.default_rng(3)).T
     model = arm_from_spears("six axes", axes, tool_position=[0.5, 0.2, 1.0])
@@ -81,6 +83,7 @@ def _leg_rates(robot, z):
     return np.hstack([J[:, :3], J[:, 3:] @ np.linalg.inv(np.array(spin).T)])
 
 
+@pytest.mark.slow
 def test_hexapods_against_finite_differences_of_the_leg_lengths():
     robot = ParallelRobot(ups6().with_joint_ranges({2: (0.5, 0.75)}))
     ranges = {"x": (-0.3, 0.3), "phi1": (-0.8, 0.8)}
@@ -146,7 +149,7 @@ def test_what_is_refused():
     assert ParallelIndices(ParallelRobot(rpr3())).names[-1] == "ctn"
 
 
-@pytest.mark.parametrize("names", [["z"], ["x", "z"], ["x", "rz", "z"]])
+@pytest.mark.parametrize("names", some(1, [["z"], ["x", "z"], ["x", "rz", "z"]]))
 def test_figures(names):
     ranges = dict.fromkeys(names, (-1.0, 1.5))
     for robot, pose in ((arm_by_name("IRB2000"), BENT), (read_platform(SIMULATOR), None)):

@@ -86,6 +86,7 @@ def test_a_payload_is_found_within_a_percent_and_its_intervals_hold():
     assert body.errors[0] < 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cutoff", "causal"), some(1, [(8.0, True), (3.0, True), (5.0, False)]))
 def test_a_payload_is_identified_from_a_filtered_sensor(cutoff, causal):
     """SciPy's filter over the noisy sensor; taken for a plain signal, the answer is a negative mass."""
@@ -108,6 +109,7 @@ def test_a_payload_is_identified_from_a_filtered_sensor(cutoff, causal):
         identify_bodies(recording, predictor(), bandwidth=np.inf)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", some(1, AXES))
 def test_what_a_process_does_to_the_gripper_is_no_payload(axes):
     robot = predictor().robot
@@ -120,6 +122,7 @@ def test_what_a_process_does_to_the_gripper_is_no_payload(axes):
     np.testing.assert_allclose(body.center, HELD.center_of_mass, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_a_tared_sensor_tells_a_payload_from_the_motion_alone():
     robot = predictor().robot
     robot = robot.varied(arm=robot.arm.with_payload(HELD))
@@ -185,6 +188,7 @@ def test_base_and_payload_are_found_from_the_feet():
     assert table["center_of_mass"][2] == 0.0
 
 
+@pytest.mark.slow
 def test_what_rests_on_a_sensor_is_found():
     robot = predictor().robot
     plate = WrenchSensor([0.0, 0.0, -0.1], mass=5.0, center_of_mass=[0.0, 0.0, -0.05])

@@ -79,6 +79,7 @@ def test_a_mass_is_found_with_its_size(link):
         assert one.value == pytest.approx(5, abs=2 * one.interval)
 
 
+@pytest.mark.slow
 def test_a_late_joint_is_found_and_does_not_look_like_masses():
     found = compare(recorded(0, delays={1: 4e-3}), predictor())
     assert names(found) == [f"delay of {predictor().robot.names[1]}"]
@@ -136,6 +137,7 @@ def test_angles_in_the_wrong_unit_are_warned_of():
     doubt_turns(recording, plan.robot, plan.motion)
 
 
+@pytest.mark.slow
 def test_signals_that_are_no_good_are_named():
     recording = recorded(7)
     force = values_of(recording, "fy")
@@ -154,6 +156,7 @@ def test_signals_that_are_no_good_are_named():
     assert names(compare(without, predictor())) == ["q4 missing"]
 
 
+@pytest.mark.slow
 def test_a_common_delay_is_one_of_the_clock_or_a_finding():
     recording = recorded(0, clock=0.004)
     assert compare(recording, predictor()).agrees
@@ -163,6 +166,7 @@ def test_a_common_delay_is_one_of_the_clock_or_a_finding():
     assert compare(recorded(0, clock=0.0), predictor(), same_clock=True).agrees
 
 
+@pytest.mark.slow
 def test_loads_alone_have_a_clock_too():
     recording = recorded(3, robot=heavier(3, 1.05))
     own = Recording(recording.times, tuple(s for s in recording.signals if s.kind == "sensor"))
@@ -173,6 +177,7 @@ def test_loads_alone_have_a_clock_too():
     assert found.energy is None
 
 
+@pytest.mark.slow
 def test_a_base_that_moved_is_found():
     recording = recorded(1)
     contacts = np.array([c.position for c in predictor().robot.support.contacts])
@@ -226,6 +231,7 @@ def test_a_process_that_varies_is_no_fault():
     assert not compare(recording, plan).agrees
 
 
+@pytest.mark.slow
 def test_points_are_no_jumps():
     """Accelerations jump a little at each point of a motion of points, which are nearer than samples."""
     plan = predictor()

@@ -80,6 +80,7 @@ def runs():
     return own, [identify_links(recorded(own, seed), nominal) for seed in range(3)]
 
 
+@pytest.mark.slow
 def test_intervals_hold(runs):
     own, found = runs
     true = np.concatenate([found[0].basis.combinations @ all_parameters(own.robot.arm), DRY, VISCOUS])
@@ -116,6 +117,7 @@ def test_links_exist_and_predict_what_was_recorded(runs):
     assert found[0].arm.masses.sum() == pytest.approx(own.robot.arm.masses.sum(), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_tolerance_of_masses_covers_the_real_arm(runs):
     """Its moments about the tipping axes are within the worst case of the identified one's."""
     own, found = runs
@@ -145,6 +147,7 @@ def test_torques_alone_and_a_late_joint():
 PUSH, TWIST = np.array([5.0, -8.0, -20.0]), np.array([1.0, 0.5, -2.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "process",
     [
@@ -172,6 +175,7 @@ def test_what_a_process_does_is_no_inertia(process):
     assert np.all(away[without.estimate.seen] < 1.0 * without.estimate.errors[without.estimate.seen])
 
 
+@pytest.mark.slow
 def test_without_noise_loads_are_known_to_a_millionth():
     found = identify_links(recorded(real(), 0, noise=0.0), described()).estimate
     assert found.errors[found.seen].min() > 1e-9

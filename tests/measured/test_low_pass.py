@@ -73,6 +73,7 @@ FILTERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "colour", "seeds"),
     [
@@ -111,6 +112,7 @@ def test_the_truth_is_within_the_stated_errors(name, colour, seeds):
     assert np.sum(frictions, axis=0).min() >= stats.binom.ppf(0.005, seeds, 0.95)
 
 
+@pytest.mark.slow
 def test_a_given_bandwidth_and_none():
     """Without a filter in the model friction is wrong, and contradicts plain least squares."""
     recording = recorded(0, FILTERS["zero-phase 5 Hz"][0])

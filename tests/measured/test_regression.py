@@ -25,6 +25,7 @@ def test_autoregression_is_recovered():
     assert len(autoregression(rng.normal(size=4000))) == 1
 
 
+@pytest.mark.slow
 def test_chance_finds_nothing_as_often_as_it_should():
     """With a level of 20 %, in coloured noise: 150 draws."""
     rng = np.random.default_rng(1)
@@ -35,6 +36,7 @@ def test_chance_finds_nothing_as_often_as_it_should():
     assert 0.1 < found / 150 < 0.3
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_should():
     rng = np.random.default_rng(2)
     truth = np.array([0, 0.5, 0, 0, -0.5, 0, 0, 0])

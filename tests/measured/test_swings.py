@@ -30,6 +30,7 @@ def test_a_step_anywhere_between_instants_rings_in_time(inside):
     np.testing.assert_allclose(way, 10 / k * (1 - ring), atol=6e-3 * 10 / k)
 
 
+@pytest.mark.slow
 def test_springs_are_found_from_far_away():
     """Two springs whose frequencies are off by a fifth, beside a joint that is shifted: least squares finds
     both, where steps along slopes end in another minimum."""

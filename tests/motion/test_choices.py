@@ -79,6 +79,7 @@ def test_the_plan_is_of_the_pair_that_was_chosen(task):
     assert plan.options["choices"]["pairs"] == 3
 
 
+@pytest.mark.slow
 def test_the_ur5_has_many_pairs_and_the_cheapest_is_not_the_shortest():
     task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
     assert len(task.choices) == 24
@@ -87,6 +88,7 @@ def test_the_ur5_has_many_pairs_and_the_cheapest_is_not_the_shortest():
     assert plainest_cost(chosen[0]) < 0.9 * plainest_cost(dataclasses.replace(task, choices=()))
 
 
+@pytest.mark.slow
 def test_pairs_of_a_continuum_are_apart(tmp_path):
     """A gripper that may turn: without that every twelfth of a turn would be looked at."""
     text = (EXAMPLES / "tasks" / "ur5_cart.toml").read_text(encoding="utf-8")

@@ -170,6 +170,7 @@ def test_the_same_plan_from_another_process(task, plan, process_pool):
     assert process_pool.submit(os.getpid).result() != os.getpid()
 
 
+@pytest.mark.slow
 def test_the_same_plan_from_a_dask_client(task, plan):
     distributed = pytest.importorskip("distributed")
     cluster = {"processes": False, "n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0"}
@@ -367,6 +368,7 @@ def test_what_promises_less_is_finished_where_the_others_lead_nowhere(case_b, sc
     assert len(Scripted.hops) == 3
 
 
+@pytest.mark.slow
 def test_hops_go_on_from_the_best(case_b, scripted):
     """The third and the seventh find a better motion, and no later one."""
     slowed = {factor: case_b.reference.time_scaled(factor) for factor in (1.2, 1.25, 1.3, 1.6)}
@@ -548,6 +550,7 @@ def test_a_start_that_kills_its_workers_is_said_and_the_others_count(case_b, scr
         plan_segment(case_b, starts=1, first=1, seed=0, workers=nullcontext(Losing(("run", 1))))
 
 
+@pytest.mark.slow
 def test_a_hop_that_kills_its_workers_is_left_out(case_b, scripted):
     best = [case_b.reference.time_scaled(factor) for factor in (1.3, 1.2)]
     scripted(best, *[best[0]] * 15)

@@ -83,7 +83,7 @@ def test_at_rest_it_is_the_placements_load():
         np.testing.assert_allclose(wrench[0], found.wrenches[k, -1], atol=1e-10)
 
 
-@pytest.mark.parametrize("axes", AXES)
+@pytest.mark.parametrize("axes", some(1, AXES))
 def test_derivatives_of_the_planners_loads(axes):
     """Central differences of what the check computes; second ones of the first."""
     task, _ = case("B", axes)
@@ -104,6 +104,7 @@ def test_derivatives_of_the_planners_loads(axes):
         np.testing.assert_allclose(bend[:, column], slopes, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", some(1, ["tool", "base"]))
 def test_a_certificate_encloses_what_samples_show(axes):
     task, bare = case("A", axes)
@@ -148,6 +149,7 @@ def test_loads_at_rest_and_what_is_tolerated_count_it_once():
     np.testing.assert_allclose(parts.total(speed=1.3), robot.loads(q, 1.3 * qd, 1.69 * qdd)[1], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", some(1, ["tool", "base"]))
 def test_forces_are_those_of_a_simulation(axes):
     """MuJoCo with a free base and an actuator at the TCP; without the process they are 4 N off."""
@@ -163,6 +165,7 @@ def test_forces_are_those_of_a_simulation(axes):
         to_urdf(task.robot)
 
 
+@pytest.mark.slow
 def test_a_sander_on_a_cart_in_the_time_that_its_weight_allows():
     task = load_task(EXAMPLES / "tasks" / "ur5_sander.toml")
     path = load_path(EXAMPLES / "paths" / "ur5_sander.toml", task).paths[0].path
@@ -251,6 +254,7 @@ def test_what_does_not_look_at_it_says_so(tmp_path):
         load_placement(tmp_path / name)
 
 
+@pytest.mark.slow
 def test_a_plan_bears_it():
     """Slower than without: the planner pays for what presses."""
     task, _ = case("A", "base")
@@ -321,6 +325,7 @@ def test_shares_and_ways_become_times():
         np.testing.assert_allclose(mine, exact, atol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("over", some(1, ["time", "share", "path"]))
 def test_what_is_tolerated_knows_one_that_varies(over):
     """Wrenches are those of the robot's loads; deviations are lost at the brink only, by these loads."""
@@ -346,6 +351,7 @@ def test_what_is_tolerated_knows_one_that_varies(over):
         assert bool(max(worst) < 1) == stands
 
 
+@pytest.mark.slow
 def test_load_cases_know_one_that_varies():
     """What acts in the pose, if that is known; else the worst of its rows."""
     task, bare = case("A")
@@ -369,6 +375,7 @@ def test_load_cases_know_one_that_varies():
     np.testing.assert_allclose(both, held, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", some(1, ["tool", "base"]))
 def test_stops_by_brakes_have_what_acts_when_they_begin(axes):
     """Each is that of a robot on which it acts all the time."""

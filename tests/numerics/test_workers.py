@@ -26,6 +26,7 @@ def test_a_dead_worker_is_replaced_and_its_call_run_again(tmp_path):
         assert len(pool.processes) <= 2
 
 
+@pytest.mark.slow
 def test_a_worker_killed_from_outside_while_it_works_and_one_that_rests():
     with worker_pool(None, 1, 2) as pool:
         future = pool.submit(calls.slow, 7)
@@ -80,6 +81,7 @@ def test_no_cluster_there():
         pass
 
 
+@pytest.mark.slow
 def test_prepared_processes_have_the_modules():
     code = (
         "from ocptip.numerics.fork_server import prepare_workers\n"

@@ -46,7 +46,7 @@ def drift(duration, step=0.001):
     return np.abs(total - total[0]).max() / path.energy[:, 0].max(), path
 
 
-@pytest.mark.parametrize("name", some(2, ["spherical", *READY_MADE, "3T2R", "driven behind", *MECHANISMS]))
+@pytest.mark.parametrize("name", some(1, ["spherical", *READY_MADE, "3T2R", "driven behind", *MECHANISMS]))
 def test_compiled_dynamics_are_the_numeric_ones(name):
     robot = ParallelRobot(READY_MADE[name]()) if name in READY_MADE else robot_for(name)
     equations, rng = CompiledDynamics(robot, robot.description.home), np.random.default_rng(1)
@@ -63,6 +63,7 @@ def test_compiled_dynamics_are_the_numeric_ones(name):
     assert equations.closure < 1e-12
 
 
+@pytest.mark.slow
 def test_a_hexapod_on_springs_keeps_its_energy():
     error, path = drift(0.5)
     assert error < 1e-7
@@ -70,6 +71,7 @@ def test_a_hexapod_on_springs_keeps_its_energy():
     assert np.abs(path.z - path.z[0]).max() > 1e-3
 
 
+@pytest.mark.slow
 def test_a_robot_with_a_redundant_joint_moves_as_in_python():
     robot = ParallelRobot(redundant_leg())
     start = robot.description.home, np.full(4, 0.2)
@@ -79,6 +81,7 @@ def test_a_robot_with_a_redundant_joint_moves_as_in_python():
     np.testing.assert_allclose(path.z[:21], slow.z, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some(1, ["five_bar", "exechon", "prs3"]))
 def test_mechanisms_keep_their_energy(name):
     """Without weight and motors, as machine code and in Python."""

@@ -139,7 +139,7 @@ def test_mobility_and_motion(name):
         np.testing.assert_allclose(off @ slope, off @ path[1].qdd[leg], atol=1e-5)
 
 
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize("name", some(2, MECHANISMS))
 def test_motor_forces_by_every_route_and_mujoco(name):
     robot = robot_of(name)
     twin = MuJoCo(robot)
@@ -158,6 +158,7 @@ def test_motor_forces_by_every_route_and_mujoco(name):
         np.testing.assert_allclose(robot.forward_dynamics(z, s, own.motors), sd, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some(2, MECHANISMS))
 def test_simulation_agrees_with_mujoco(name):
     robot = robot_of(name)
@@ -173,7 +174,7 @@ def test_simulation_agrees_with_mujoco(name):
     np.testing.assert_allclose(end[twin.motors], expected[twin.motors], atol=1e-8)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", some(1, [0, 1]))
 def test_poses_from_joints_and_from_motors(seed):
     """Forward kinematics lead back; joints given with z belong to one platform pose."""
     for name in MECHANISMS:
@@ -189,6 +190,7 @@ def test_poses_from_joints_and_from_motors(seed):
             assert np.abs(leg.residual(joints, r, R)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_five_bar_is_singular_where_its_distal_links_align():
     """At (0, 0.15) the elbows are at (-0.35, 0.15) and (0.35, 0.15): all distal links in one line."""
     robot = robot_of("five_bar")
@@ -204,6 +206,7 @@ def test_five_bar_is_singular_where_its_distal_links_align():
         robot.ik([0.0, 0.6])
 
 
+@pytest.mark.slow
 def test_constraint_singularity():
     """Hinges that point to the centre, vertical legs: the three forces meet, a fourth freedom is there."""
     text = text_of("rps3").replace('alpha = "pi/2" }, # tangential', 'gamma = "pi/2", alpha = "pi/2" },')

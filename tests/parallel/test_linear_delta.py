@@ -64,6 +64,7 @@ def test_the_upper_ends_of_the_rods_are_where_geometry_has_them(tmp_path):
         assert abs(robot.inverse_dynamics(z, np.zeros(3), np.zeros(3)).motors.sum() - 9.81 * 4.05) < 1e-10
 
 
+@pytest.mark.slow
 def test_its_workspace_is_where_all_rods_reach(tmp_path, monkeypatch):
     robot = ParallelRobot(described(tmp_path))
     told = []
@@ -85,6 +86,7 @@ def test_its_workspace_is_where_all_rods_reach(tmp_path, monkeypatch):
     np.testing.assert_allclose(near.dexterity, alone.dexterity, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_axes_that_hold_the_platform_otherwise_are_named(tmp_path):
     twisted = TEXT.replace('alpha = "-pi/2"', 'alpha = "-pi/3"')
     with pytest.raises(InputError, match="give `end_rotation` or a `guess` of all joints"):

@@ -14,12 +14,13 @@ from ocptip.parallel.kinematics.closed_form import leg_solution
 from ocptip.parallel.minimal_form import joint_function, minimal_form
 from ocptip.parallel.robot import ParallelRobot
 from tests.parallel.parallel_examples import prr3
+from tests.quick import some
 
 KINDS = list(READY_MADE)
 GRAVITY = np.array([1.0, -2.0, -9.0])
 
 
-@pytest.fixture(scope="module", params=KINDS)
+@pytest.fixture(scope="module", params=some(2, KINDS))
 def robot(request):
     return ParallelRobot(READY_MADE[request.param]())
 

@@ -29,7 +29,7 @@ def near_home(robot, seed, size=0.05):
     return z, *rng.uniform(-1, 1, (2, robot.m))
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", some(2, ROBOTS))
 @given(seed=st.integers(0, 10**6))
 @examples(8)
 def test_inverse_and_forward_kinematics(name, seed):
@@ -48,6 +48,7 @@ def test_inverse_and_forward_kinematics(name, seed):
     assert pose.to_dict()["joints"]["residual"] < 1e-12
 
 
+@pytest.mark.slow
 def test_legs_without_closed_form_stay_in_the_assembly_of_home():
     """Ball joint, slider, universal joint: the mirrored branch with negative length is as near for Newton."""
     robot, twin = ParallelRobot(spu6()), ROBOTS["6UPS"]
@@ -85,6 +86,7 @@ def test_rough_guesses_choose_the_home_assembly_only():
         assert max(np.abs(q - start).max() for q, start in zip(found.q, home, strict=True)) < 1.5
 
 
+@pytest.mark.slow
 def test_poses_beyond_a_singular_one_are_said():
     robot = ParallelRobot(rod_delta())
     rng, z = np.random.default_rng(1), robot.description.home
@@ -198,7 +200,7 @@ def test_power_balance(kind):
     assert slope == pytest.approx(power, rel=1e-5)
 
 
-@pytest.mark.parametrize("name", some(2, ROBOTS))
+@pytest.mark.parametrize("name", some(1, ROBOTS))
 def test_free_fall_keeps_the_energy(name):
     robot = ROBOTS[name]
     start = 0.3 * np.random.default_rng(2).uniform(-1, 1, robot.m)
@@ -226,7 +228,7 @@ def test_simulation_under_motor_forces_gains_their_work():
     np.testing.assert_array_equal(same.z, path.z)
 
 
-@pytest.mark.parametrize("make", [five_axes, redundant_leg, extra_leg])
+@pytest.mark.parametrize("make", some(1, [five_axes, redundant_leg, extra_leg]))
 def test_energy_of_general_robots(make):
     robot = ParallelRobot(make())
     path = simulate(robot, robot.description.home, np.full(robot.m, 0.2), duration=0.02, step=0.002)
@@ -267,6 +269,7 @@ def test_bad_input_is_refused():
             call()
 
 
+@pytest.mark.slow
 def test_forward_kinematics_reports_failure():
     with pytest.raises(SolverError, match="no pose reached"):
         ROBOTS["3RPR"].fk([5.0, 0.1, 0.1])
@@ -279,7 +282,7 @@ def test_characteristic_length_is_the_radius_of_the_platform():
     assert home.to_dict()["singular"] == []
 
 
-@pytest.mark.parametrize("kind", some(3, KIND_NAMES))
+@pytest.mark.parametrize("kind", some(1, KIND_NAMES))
 def test_generated_function_equals_the_reference(kind):
     robot, z, zd, zdd = random_robot(kind, 3)
     q = [leg.home for leg in robot.kinematics.legs]
@@ -291,6 +294,7 @@ def test_generated_function_equals_the_reference(kind):
     assert relative(generated["J_a"], robot.jacobian(z, q)) < 1e-10
 
 
+@pytest.mark.slow
 def test_counts_and_base_parameters_are_reached_from_the_robot():
     robot = ROBOTS["3RRR"]
     assert robot.lean(form="A", dynpar=3).count.divisions < robot.lean(form="A").count.multiplications
@@ -298,7 +302,7 @@ def test_counts_and_base_parameters_are_reached_from_the_robot():
     assert robot.base_parameters("numeric").rank == 9
 
 
-@pytest.mark.parametrize("kind", some(3, KIND_NAMES))
+@pytest.mark.parametrize("kind", some(1, KIND_NAMES))
 def test_regressor_is_linear_and_equals_the_generated_one(kind):
     robot, z, zd, zdd = random_robot(kind, 5)
     q = [leg.home for leg in robot.kinematics.legs]

@@ -44,6 +44,7 @@ def test_curves_and_forces_are_those_of_the_motion():
         assert set(shown.ground.axes[k]) == pair
 
 
+@pytest.mark.slow
 def test_two_plans_side_by_side(tmp_path, few_frames, capsys):
     task = experiment_task("A")
     write_plan(tmp_path / "one", plan_of(task, task.reference))
@@ -63,6 +64,7 @@ def test_two_plans_side_by_side(tmp_path, few_frames, capsys):
     assert main(["view", str(tmp_path / "one"), "--movie", str(file)]) == 2
 
 
+@pytest.mark.slow
 def test_a_delta_moves_as_rigid_bodies(tmp_path, few_frames):
     task = load_task(EXAMPLES / "tasks/delta_cart.toml")
     speed, acceleration = 0.5 * task.robot.limits.speed, 0.5 * task.robot.limits.acceleration

@@ -48,6 +48,7 @@ def artists(figure, gid):
     return figure.findobj(lambda artist: artist.get_gid() == gid)
 
 
+@pytest.mark.slow
 def test_robot_is_drawn_where_it_stands(placed):
     placements, figures = placed
     best = placements[0]
@@ -103,6 +104,7 @@ def test_star_and_legend(placed):
     assert {"best placement", "out of reach"} <= set(texts)
 
 
+@pytest.mark.slow
 def test_files_and_terrain_of_other_parameters(tmp_path):
     paths = draw_placement(tmp_path / "new", "planar", found().placements, cells=11)
     assert [path.name for path in paths] == ["placement.png", "map.png"]
@@ -112,6 +114,7 @@ def test_files_and_terrain_of_other_parameters(tmp_path):
             assert min(picture.size) > 500
 
 
+@pytest.mark.slow
 def test_refused_placements_are_drawn_with_their_causes():
     error = refused()
     figures = placement_figures("press", [error.nearest], cells=7)
@@ -124,6 +127,7 @@ def test_refused_placements_are_drawn_with_their_causes():
     assert np.isnan(chart.values("total")).all()
 
 
+@pytest.mark.slow
 def test_terrain_of_one_parameter_gets_curves():
     p = cs.SX.sym("p")
     rail = cs.Function("rail", [p], [cs.vertcat(-p, 0, -7.9), cs.SX.eye(3)])

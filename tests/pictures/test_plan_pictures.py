@@ -26,6 +26,7 @@ from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of, stand_in_plan
+from tests.quick import some
 from tests.standing.elastic.test_drives import geared
 from tests.standing.elastic.test_feet import softened
 
@@ -162,6 +163,7 @@ def test_energy_ends_at_that_of_the_check_and_the_reference_is_dotted(clamped):
         assert line.is_dashed()
 
 
+@pytest.mark.slow
 def test_without_reference_none_is_drawn():
     _, _, figures = drawn("C", reference=False)
     for figure in figures.values():
@@ -180,6 +182,7 @@ def test_worst_instants_are_marked_as_the_table_of_the_plan_has_them(clamped):
         assert at_text(rows[name], rows[name].nominal) in titles
 
 
+@pytest.mark.slow
 def test_the_worst_case_is_dashed_and_its_minimum_is_that_of_the_check():
     task = experiment_task("A", "effective")
     limits = Limits(tolerance=WORKSHOP)
@@ -273,7 +276,7 @@ def check_texts(name, figure):
             assert not a.overlaps(b), (name, first, second)
 
 
-@pytest.mark.parametrize("case", ["clamped", "free"])
+@pytest.mark.parametrize("case", some(1, ["clamped", "free"]))
 def test_axes_have_units_legends_what_is_drawn_and_no_text_is_covered(case, request):
     for name, figure in request.getfixturevalue(case)[2].items():
         check_style(name, figure)
@@ -285,6 +288,7 @@ def test_quantities_and_members_have_colours_of_their_own():
     assert len(set(colors)) == len(colors)
 
 
+@pytest.mark.slow
 def test_many_joints_without_limits_can_be_drawn(monkeypatch):
     """A robot from a URDF: nine joints with long names, no torque limits, four wheels, no obstacles."""
     monkeypatch.setattr(plan_curves, "_with_rests", lambda robot, motion, samples: samples)
@@ -349,7 +353,7 @@ def test_files_are_pictures_and_complete(tmp_path, monkeypatch, free):
     assert len(list((tmp_path / "out").iterdir())) == 2
 
 
-@pytest.mark.parametrize("feet", [False, True])
+@pytest.mark.parametrize("feet", some(1, [False, True]))
 def test_vibration_and_forces_with_gears_that_give(feet):
     plan = stand_in_plan("A", reference=False)
     robot = geared(softened(plan.task.robot, 1e6) if feet else plan.task.robot)

@@ -76,6 +76,7 @@ def test_a_base_of_the_urdf_is_as_far_from_a_keep_out_as_coal_says(problem):
             assert found["base and hatch"] == pytest.approx(gap, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_no_placement_is_found_with_the_base_in_a_keep_out(tmp_path):
     problem = read(tmp_path, PLACE)
     with pytest.raises(NoPlacementError) as error:

@@ -91,6 +91,7 @@ def test_no_direction_improves_the_best_placement(drilled):
     assert totals.min() > best.total - 1e-7
 
 
+@pytest.mark.slow
 def test_smooth_optimum_agrees_with_scipy():
     problem = planar_problem()
     evaluator = Evaluator(problem)
@@ -108,6 +109,7 @@ def test_smooth_optimum_agrees_with_scipy():
     assert place(problem, starts=2, samples=100).best.total == pytest.approx(reference.fun, abs=1e-7)
 
 
+@pytest.mark.slow
 def test_results_repeat_and_differ_from_each_other(drilled):
     again = place(drilled.problem, starts=2)
     assert [p.total for p in again.placements] == [p.total for p in drilled.placements]
@@ -258,6 +260,7 @@ def test_unreachable_pose_says_by_how_much():
     assert isinstance(caught.value, PlanningError)
 
 
+@pytest.mark.slow
 def test_too_large_force_names_torque_or_standing():
     task = GripperTask([0.0, 0.0, 0.55], INTO_WALL, [ProcessLoad([-6.0, 0.0, -400.0])])
     with pytest.raises(NoPlacementError) as caught:
@@ -288,6 +291,7 @@ def test_everything_blocked_by_keep_out():
     assert caught.value.nearest.violations[0].kind == "base clearance"
 
 
+@pytest.mark.slow
 def test_slipping_is_stated_as_the_friction_that_would_be_needed():
     feet = four_feet().support.contacts
     smooth = Support(
@@ -307,6 +311,7 @@ def test_slipping_is_stated_as_the_friction_that_would_be_needed():
     assert stated.value < 2 * least  # the rest holds the moment about the vertical
 
 
+@pytest.mark.slow
 def test_a_cart_on_two_wheels_and_two_casters_is_placed_with_the_best_sharing():
     feet = four_feet().support.contacts
     casters = [*feet[:2], *(replace(foot, friction=0.0) for foot in feet[2:])]
@@ -346,6 +351,7 @@ def test_never_worse_than_a_million_evaluations(seed):
     assert place(problem, seed=seed).best.total <= 1.005 * brute.totals[0]
 
 
+@pytest.mark.slow
 def test_feet_with_different_normals_are_judged_with_all_forces_redistributed():
     problem = drilling(on_uneven_ground())
     best = place(problem, starts=1).best

@@ -84,6 +84,7 @@ def test_nothing_inside_the_tolerance_is_worse_and_the_named_corner_attains_it(n
         assert rough.moments.min(axis=(2, 3)) == pytest.approx(found.moments.min(axis=(2, 3)))
 
 
+@pytest.mark.slow
 def test_placements_hold_at_every_corner():
     own = PROBLEMS["three feet"]()
     best = place(own, starts=1, samples=500).best

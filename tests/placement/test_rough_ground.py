@@ -55,7 +55,7 @@ def by_hand(own, stood, k, friction=None):
     return Support(contacts, mass=nominal.mass, center_of_mass=nominal.center_of_mass)
 
 
-@pytest.mark.parametrize("slope", [(0.0, 0.0), (0.1, -0.06)])
+@pytest.mark.parametrize("slope", [(0.1, -0.06)])
 def test_an_even_field_is_judged_like_a_plane(slope):
     even = drilling(tripod(), terrain=plane(slope, 0.05))
     uneven = drilling(tripod(), terrain=rough_ground(HeightField(height=0.05, slope=slope)))
@@ -69,7 +69,7 @@ def test_an_even_field_is_judged_like_a_plane(slope):
 
 
 @pytest.mark.parametrize("field", some(1, [ROUGH, FIELD]))
-@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("mode", some(1, MODES))
 def test_reserves_are_those_of_a_support_built_by_hand(mode, field):
     own = problem(mode, field)
     parameters, q = reached(own, 6)
@@ -107,6 +107,7 @@ def test_quick_estimates():
     assert moments[:2] == pytest.approx(np.concatenate([tip.evaluate(s).moments for s in states[:2]]))
 
 
+@pytest.mark.slow
 def test_moments_off_a_plane_depend_on_the_place_as_the_lagrangian_says():
     """Where friction ends before the base tips the moments are optima of cone programs."""
     own = drilling(tripod(0.4), terrain=rough_ground(ROUGH))
@@ -132,6 +133,7 @@ def test_moments_off_a_plane_depend_on_the_place_as_the_lagrangian_says():
     assert kinds == {True, False}  # both closed forms and cone programs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["tripod", pytest.param("four level legs", marks=pytest.mark.slow)])
 def test_placements_on_rough_ground_are_verified_by_hand(mode):
     own = problem(mode, weights=Weights(0.4, 0.4, 0.1, 0.1))

@@ -7,7 +7,7 @@ from scipy.linalg import null_space
 from ocptip.reserves import fractional
 from ocptip.reserves.fractional import largest_usage, minimise_fraction
 from ocptip.reserves.optimality import ForceRange, RefinedPoint, forces_of, refined
-from tests.quick import examples
+from tests.quick import examples, some
 
 
 def problem(rng, count, n, k, radius=0.0, upper=10.0):
@@ -30,7 +30,7 @@ def usage_at(q, Q, forces, z):
     return largest_usage(q + forces_of(Q, z), forces.limits(z))
 
 
-@pytest.mark.parametrize(("n", "k"), [(3, 2), (4, 2), (6, 2), (5, 1)])
+@pytest.mark.parametrize(("n", "k"), some(2, [(3, 2), (4, 2), (6, 2), (5, 1)]))
 def test_derivatives_of_the_optimum(n, k):
     rng = np.random.default_rng(n)
     q, Q, forces = problem(rng, 25, n, k, radius=0.3, upper=2.0)

@@ -90,7 +90,7 @@ def random_case(seed):
     return support, wrenches
 
 
-@pytest.mark.parametrize("seed", some(24, [49, *range(49), *range(50, 120)]))
+@pytest.mark.parametrize("seed", some(8, [49, *range(49), *range(50, 120)]))
 def test_best_sharing_and_verdict_are_those_of_a_cone_program(seed):
     support, wrenches = random_case(seed)
     states = solve_resting(support, wrenches)
@@ -105,7 +105,7 @@ def test_best_sharing_and_verdict_are_those_of_a_cone_program(seed):
             assert slip.slip_ratio[i] == pytest.approx(least, abs=_AGREE)
 
 
-@pytest.mark.parametrize("seed", some(3, [1, 4, 6, 9, 13, 104, 106, 119]))
+@pytest.mark.parametrize("seed", some(1, [1, 4, 6, 9, 13, 104, 106, 119]))
 def test_gradient_is_that_of_the_cone_program(seed):
     support, wrenches = random_case(seed)
     wrench = wrenches[np.argmin([least_use(support, own) for own in wrenches])]
@@ -129,6 +129,7 @@ def test_many_states_amid_casters_are_all_certified():
     np.testing.assert_allclose(slip.GT[chosen], expected, atol=_AGREE)
 
 
+@pytest.mark.slow
 def test_a_state_on_a_plane_takes_no_general_program_and_has_the_value_of_the_iteration(monkeypatch):
     """Where balances are apart a solver of its own does; the iteration for any normals took up to eleven."""
     programs, solve = [], ConeBatch.solve

@@ -37,6 +37,7 @@ def test_cheaper_than_every_slower_and_faster(regeneration, standby):
         assert robot.energy(fast.time_scaled(factor)) > energy * (1 - 2e-3)
 
 
+@pytest.mark.slow
 def test_time_price_and_longest_duration():
     task, robot = robot_with(1.0, 0.0)
     path = random_path(task, 1, 0.1)
@@ -64,6 +65,7 @@ def test_viscous_friction_that_outweighs_all_else():
     assert robot.energy(slower) + slower.end >= (robot.energy(found.motion) + found.motion.end) * (1 - 2e-3)
 
 
+@pytest.mark.slow
 def test_measured_maps_have_a_lower_bound():
     task = tripod()
     path = random_path(task, 1, 0.1)
@@ -101,6 +103,7 @@ def test_quadratic_drives_are_dc_motors():
     assert np.allclose(own.sum(axis=1) + drives.standby, power)
 
 
+@pytest.mark.slow
 def test_four_feet():
     task = cart()
     found = retime(task.robot, random_path(task, 0, 0.1), task.limits, priced(20.0), nodes=60)

@@ -67,6 +67,7 @@ def test_splines_that_turn_back_are_timed_as_well_as_others():
     assert enough(random_path(task, 1, 0.1), 300) <= 600
 
 
+@pytest.mark.slow
 @examples(3, derandomize=True)
 @given(st.integers(0, 10_000))
 def test_random_paths_keep_all_limits(seed):
@@ -157,6 +158,7 @@ def test_what_timing_can_cure_is_cured_although_clearance_is_not():
     assert 1.0 < factor < 1.05
 
 
+@pytest.mark.slow
 def test_against_a_dynamic_program():
     """On the same intervals and levels of x at every node; with more nodes it hardly gets faster."""
     task = tripod()
@@ -202,6 +204,7 @@ def test_coefficients_are_those_of_pinocchio():
         assert np.allclose(of_x[k], pin.rnea(model, data, q, dq, ddq) - gravity + armature * ddq, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_contact_forces_exist_at_the_nodes():
     """Where slip ends the speed, explicit forces within the friction asked for hold the base."""
     task, limits = delta(), delta().limits

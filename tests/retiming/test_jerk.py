@@ -12,6 +12,7 @@ from ocptip.motion.objective import ENERGY, TIME
 from ocptip.retiming.retime import retime
 from ocptip.standing.limits import Limits
 from ocptip.trajectories.path import JointPath
+from tests.quick import some
 from tests.retiming.paths import delta, random_path, tripod
 
 FREE = Limits(GN=0.999, GT=0.999, torque_ratio=100.0)
@@ -32,7 +33,7 @@ def test_a_straight_line_is_an_s_curve():
     assert found.motion.end >= least * (1 - 1e-4)
 
 
-@pytest.mark.parametrize(("objective", "nodes"), [(TIME, 60), (ENERGY, 30)])
+@pytest.mark.parametrize(("objective", "nodes"), some(1, [(TIME, 60), (ENERGY, 30)]))
 def test_jerks_are_within_the_limit_and_nothing_is_faster(objective, nodes):
     task, limits = tripod(), Limits()
     path, jerk = random_path(task, 3, 0.1), 5 * task.robot.limits.acceleration
@@ -52,6 +53,7 @@ def test_jerks_are_within_the_limit_and_nothing_is_faster(objective, nodes):
     assert not first.jerk_ratio
 
 
+@pytest.mark.slow
 def test_four_feet_and_another_robot():
     task = delta()
     found = retime(task.robot, random_path(task, 0, 0.1), task.limits, nodes=60, jerk=1000.0)
@@ -60,6 +62,7 @@ def test_four_feet_and_another_robot():
     assert found.motion.end > found.fastest
 
 
+@pytest.mark.slow
 def test_limits_of_jerk_count_without_being_asked_for():
     task, limits = tripod(), Limits()
     path, jerk = random_path(task, 3, 0.1), tuple(5 * task.robot.limits.acceleration)

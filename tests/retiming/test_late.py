@@ -60,6 +60,7 @@ def test_rows_that_no_timing_keeps_are_told_with_place_limit_and_amount():
         solved(0.01 * fast.x[5] / typical, 1.001 * shortest)
 
 
+@pytest.mark.slow
 def test_a_timing_within_a_tolerance_keeps_every_contact():
     """By its check, and in 4,000 worlds: masses, tilt, pace, and of each joint its own delay."""
     found, robot = within(), cart().robot
@@ -115,6 +116,7 @@ def test_accelerations_that_change_between_jumps_are_late_too():
     assert GN > 0.748  # what the check said before
 
 
+@pytest.mark.slow
 def test_the_cheapest_timing_within_a_tolerance():
     found = within(priced(20.0))
     assert found.verified
@@ -142,7 +144,7 @@ def test_rows_of_late_joints_are_slopes():
     np.testing.assert_allclose(excess[1] - excess[0], change, atol=2e-3 * np.max(np.abs(change)))
 
 
-@pytest.mark.parametrize("driven", [slice(0, 2), slice(2, 4)])
+@pytest.mark.parametrize("driven", some(1, [slice(0, 2), slice(2, 4)]))
 def test_rows_of_a_base_that_slides_leave_slower_timings(driven: slice):
     """On two wheels and two casters: what keeps the limits keeps the rows that a sliding timing gives."""
     task = cart()
@@ -163,6 +165,7 @@ def test_rows_of_a_base_that_slides_leave_slower_timings(driven: slice):
     assert all(np.all(rows.A @ (share * x) <= rows.b + 1e-6) for share in [0, *kept])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some(1, [7, 20]))
 def test_of_too_many_combinations_the_worst_is_found(monkeypatch: pytest.MonkeyPatch, seed: int):
     """As bad as the worst of all of them."""

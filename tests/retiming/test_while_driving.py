@@ -78,6 +78,7 @@ def test_a_path_timed_while_the_base_brakes_stands_where_the_timing_at_rest_tips
     assert least_cost(robot, path, task.limits, TIME, NODES) == pytest.approx(found.motion.end, rel=0.02)
 
 
+@pytest.mark.slow
 def test_where_no_clock_settles_limits_hold_whenever_a_place_is_passed(task, monkeypatch):
     monkeypatch.setattr(while_driving, "_ROUNDS", 0)
     knots, speeds = BRAKES.velocities.breaks, 0.3 * np.array([[1, 0, 1], [1, 0, 1], [0, 0, 0], [0, 0, 0]])
@@ -152,6 +153,7 @@ def test_accelerations_of_a_turn_step_at_its_knots_alone():
     np.testing.assert_allclose(profile.rows(t)[:, 8], rate, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_rows_within_an_uncertainty_know_steps_of_the_profile(task):
     own = ocptip.load_task(TASK, uncertainty=Uncertainty(damping=0.3))
     profile = DriveProfile.of_velocities(np.array([0, 0.4, 0.6]), np.array([[0.6, 0, 0]] * 2 + [[0, 0, 0]]))

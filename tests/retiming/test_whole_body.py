@@ -98,6 +98,7 @@ def test_a_block_drives_as_fast_as_friction_allows():
     assert set(weak.active) == {"base force"}
 
 
+@pytest.mark.slow
 def test_contacts_are_kept_that_a_timing_without_them_loses(task):
     path = with_base(random_path(task, 1, 0.1), 1)
     found = retime(task.robot, path, task.limits, nodes=NODES, base=BASE)
@@ -194,6 +195,7 @@ def test_what_is_no_path_of_base_and_arm_is_refused(task):
     assert isinstance(task.robot, Robot)
 
 
+@pytest.mark.slow
 def test_rows_within_an_uncertainty_know_the_base(task):
     own, path = load_task(TASK, Uncertainty(tilt=0.005, damping=0.3)), with_base(random_path(task, 1, 0.1), 1)
     robot = able_to_drive(arm_of(own.robot))

@@ -77,6 +77,7 @@ def test_a_timing_of_a_path_keeps_the_limit_and_is_there_for_a_while(task):
     assert np.mean(robot.further(q, qd)[:, 0] > 0.249) > 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some(1, ["tcp", "knee"]))
 def test_plans_and_timings_keep_limits_of_tcp_and_elbow(tmp_path, name):
     """Limits are three quarters of what the fastest motion has."""
@@ -143,6 +144,7 @@ def test_a_limit_is_proved_for_all_instants_and_a_bound_holds_with_delayed_joint
     assert "speeds of points in the nominal model" in proved.headline
 
 
+@pytest.mark.slow
 def test_a_limit_that_is_exceeded_between_samples_is_not_proved(nodding):
     task, motion, fastest = nodding
     robot = task.robot.varied(speed_limits={"tcp": 0.999 * fastest})

@@ -46,7 +46,7 @@ def mild(over, knots, axes):
     return replace(process, moment=0.1 * process.moment)
 
 
-@pytest.fixture(scope="module", params=["tool", "base"])
+@pytest.fixture(scope="module", params=some(1, ["tool", "base"]))
 def both(request):
     """Robot with a process that varies over the share, the same without one, motion."""
     task, bare = case("A", request.param)
@@ -187,6 +187,7 @@ def test_forms_enclose_what_is_interpolated(knots, intervals, seed):
             assert np.all(alone.r[:, 0] <= 1e-8 * (1 + steep + np.max(np.abs(values))))
 
 
+@pytest.mark.slow
 def test_stops_along_the_path_have_the_process_of_the_place(both):
     robot, bare, motion = both
     times = np.array([0.2, 0.45, 0.8]) * motion.end
@@ -206,6 +207,7 @@ def test_stops_along_the_path_have_the_process_of_the_place(both):
     assert slopes._gradient.function.size1_in(0) == 3 * robot.n + 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", some(1, [1.1, 1.0]))
 def test_forces_are_those_of_a_simulation_of_what_varies(both, speed):
     """Also at another pace, with which the process goes; without the process they are off."""

@@ -130,6 +130,7 @@ def test_a_box_on_the_deck_tips_where_statics_say(task, share, verdict):
     assert found.objects["crate"].moment.value == pytest.approx(G * 0.05 - brakes * 0.2, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_what_comes_after_the_motion_of_the_arm_counts(task):
     still = Trajectory.from_points(np.array([0.0, 0.1]), np.tile(task.start, (2, 1)))
     late = DriveProfile.of_velocities(np.array([0, 1, 2.0]), np.array([[1, 0, 0], [1, 0, 0], [0, 0, 0]]))
@@ -150,6 +151,7 @@ def test_figures_show_the_base_that_drives_on(task):
     assert curves.samples.slip.GT[k] == pytest.approx(found.check.worst["GT"].value, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_worst_pace_of_the_base_is_one_of_its_ends(task):
     robot, tolerance = task.robot, Uncertainty(drive_speed=0.1, damping=0.2)
     profile = DriveProfile.of_velocities(
@@ -275,6 +277,7 @@ def test_velocities_in_bags_of_commands_and_odometry_are_read(tmp_path):
     np.testing.assert_allclose(found.rows(np.array([0.25]))[0, [0, 1, 5, 8]], [1.2, 0.09, 0.3, 1.2])
 
 
+@pytest.mark.slow
 def test_check_takes_a_posture_and_the_key_of_the_task(tmp_path, capsys):
     options = ["check", "start", "--task", str(TASK), "--tolerance", "none", "--json", "--drive-profile"]
     assert main([*options, "2 m, 0.8 m/s, 1 m/s^2", "--plot", str(tmp_path / "wheels.svg")]) == 0

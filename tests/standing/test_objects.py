@@ -290,6 +290,7 @@ def stand_in_proof(robot, motion, checked, limits):
     return dataclasses.replace(checked, certificate=Certificate({}, verdict, kept=bound <= limits.GT))
 
 
+@pytest.mark.slow
 def test_a_timing_is_as_much_slower_as_the_proof_of_its_object_asks_for():
     robot, path = on_a_slide([SLIPPERY]), JointPath(np.array([0.0, 1.0]), np.array([[[0.5]], [[0.0]]]))
     limits = Limits(GT=0.875)
@@ -422,6 +423,7 @@ def test_deviations_of_a_stack_are_those_of_other_objects_on_another_slope():
     assert set(own.words(theta[0]).split()) >= {"plate", "cup"}
 
 
+@pytest.mark.slow
 def test_no_sampled_corner_of_the_uncertainty_is_worse_than_the_worst_case_of_a_motion():
     robot = on_a_slide([PLATE, CUP])
     motion = Trajectory.from_profiles([0.0], [(RampCommand(0.4, 1.0, 1.2),)])
@@ -470,6 +472,7 @@ def test_objects_that_stand_on_nothing_or_twice_are_refused():
             on_a_slide(objects)
 
 
+@pytest.mark.slow
 def test_stops_of_a_slide_use_the_friction_of_the_object_that_their_decelerations_need():
     """Along the path all coordinates brake in 0.5 s; a cancel has its deceleration."""
     robot, a, v = on_a_slide([SLIPPERY, dataclasses.replace(BOX, position=(0.5, 0.0, 0.0))]), 0.2, 0.5
@@ -505,6 +508,7 @@ def test_stops_of_a_slide_use_the_friction_of_the_object_that_their_deceleration
     assert " low slips in a cancel begun at " in safe.text
 
 
+@pytest.mark.slow
 def test_stops_of_a_slide_by_brakes_use_the_friction_that_their_force_over_the_moved_mass_needs():
     """The largest force of the brake decides; while it brakes, the deceleration is constant."""
     robot = on_a_slide([SLIPPERY, dataclasses.replace(BOX, position=(0.5, 0.0, 0.0))])

@@ -73,6 +73,7 @@ def test_planar_torques_and_reserve_against_a_planar_support(evaluator, point):
     )
 
 
+@pytest.mark.slow
 def test_planar_minimum_is_where_the_weights_make_the_force(evaluator):
     w1, w2 = DIMENSIONS["link weights, acting in their middle"]
     l1, l2 = DIMENSIONS["link lengths"]
@@ -293,6 +294,7 @@ def test_pareto_study_keeps_what_is_done(tmp_path, monkeypatch, capsys):
     assert len({row["state"] for row in rows}) == 1
 
 
+@pytest.mark.slow
 def test_committed_rows_are_still_read(tmp_path, monkeypatch, capsys):
     for study, computed in ((placement_pareto, "solved"), (placement_brute_force, "compared")):
         name = "placement_" + study.__name__.rpartition(".")[2]

@@ -60,7 +60,7 @@ def test_placed_cycle_is_the_robot_at_its_place(changed, slope):
 DECK = re.search(r"\[\[base_obstacle\]\](.*\n)+?\n", TEXT)[0]
 
 
-@pytest.mark.parametrize(("key", "level"), [("", 0.0), ("floor = false\n", None)])
+@pytest.mark.parametrize(("key", "level"), some(1, [("", 0.0), ("floor = false\n", None)]))
 def test_the_floor_of_a_place_is_that_of_the_cycle_there(changed, key, level):
     """Without the deck of the example it is what the contacts stand on, wherever the base stands."""
     bare = TEXT.replace(DECK, "").replace("[base]", f"[base]\n{key}", 1)
@@ -98,6 +98,7 @@ def test_what_is_held_weighs_at_rest(changed):
     assert 0 < len(cell.problem.tolerance.given) < len(WORKSHOP.given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "process",
     some(

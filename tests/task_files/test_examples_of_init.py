@@ -21,6 +21,7 @@ from ocptip.task_files.motion import load_task
 from ocptip.task_files.reference import json_schema
 from ocptip.task_files.task_scene import ROBOT_BASE
 from ocptip.task_files.template import MARK, task_template
+from tests.quick import some
 
 LINK = """<link name="{0}"><inertial><origin xyz="{2}"/><mass value="{1}"/>
   <inertia ixx="0.05" ixy="0" ixz="0" iyy="0.05" iyz="0" izz="0.05"/></inertial>{3}</link>"""
@@ -92,6 +93,7 @@ def test_the_example_motion_is_free_of_collisions_where_zero_is_not(tmp_path):
     assert "mm clear of arm and ground" in template.example
 
 
+@pytest.mark.slow
 def test_where_large_steps_collide_the_example_is_small(tmp_path, monkeypatch):
     """Two walls beside the base leave no way for steps from limit to limit."""
     monkeypatch.setattr(example, "_SHARES", ((30.0,), (0.1,)))
@@ -236,7 +238,7 @@ def test_what_is_invented_is_said_at_each_number(tmp_path):
 
 @pytest.mark.parametrize(
     ("links", "expected"),
-    [("massless", "chassis"), ("heavy", "world")],
+    some(1, [("massless", "chassis"), ("heavy", "world")]),
 )
 def test_joints_that_drive_a_base_are_no_joints_of_the_arm(tmp_path, links, expected):
     between = [
@@ -256,7 +258,7 @@ def test_joints_that_drive_a_base_are_no_joints_of_the_arm(tmp_path, links, expe
     assert task.robot.n == (3 if links == "massless" else 6)
 
 
-@pytest.mark.parametrize("kind", ["planar", "floating"])
+@pytest.mark.parametrize("kind", some(1, ["planar", "floating"]))
 @pytest.mark.parametrize("between", [False, True])
 def test_a_planar_or_floating_base_stands(tmp_path, kind, between):
     drive = f'<joint name="drive" type="{kind}"><parent link="world"/><child link="chassis"/></joint>'

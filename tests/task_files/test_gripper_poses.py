@@ -63,6 +63,7 @@ def load(folder, *changes):
     return load_task(folder / "task.toml")
 
 
+@pytest.mark.slow
 def test_a_symmetric_gripper_has_more_postures_and_a_free_end(tmp_path):
     free = load(tmp_path, (GOAL, f'{GOAL}, symmetric_about = "z"'), (OPTIMISED, ""))
     twofold = load(tmp_path, (GOAL, f'{GOAL}, symmetric_about = "z", fold = 2'), (OPTIMISED, ""))

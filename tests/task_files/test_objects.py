@@ -99,6 +99,7 @@ def test_an_object_that_slides_in_a_tilted_gripper_makes_the_answer_no(task):
     assert "BUT plate, cup ARE NOT STABLE" in StandReport(found).headline
 
 
+@pytest.mark.slow
 def test_on_a_base_that_drives_objects_feel_it_and_their_uncertainty_is_not_checked(task):
     uncertain, braking = ocptip.Uncertainty(friction=0.2), BaseMotion((2.0, 0.0, 0.0))
     found = ocptip.stand(task.robot, task.start, uncertainty=uncertain, base_motion=braking)
@@ -109,6 +110,7 @@ def test_on_a_base_that_drives_objects_feel_it_and_their_uncertainty_is_not_chec
     assert found.critical is max(every, key=lambda own: max(own.tip.GN[0], own.slip.GT[0]))
 
 
+@pytest.mark.slow
 def test_the_headline_says_which_objects_are_unstable_nominally(task):
     uncertain, braking = ocptip.Uncertainty(friction=0.5), BaseMotion((5.0, 0.0, 0.0))
     found = ocptip.stand(task.robot, task.start, uncertainty=uncertain, base_motion=braking)

@@ -119,6 +119,7 @@ def cart(tmp_path):
     return home
 
 
+@pytest.mark.slow
 def test_nothing_outside_the_folder_is_needed(cart, tmp_path, capsys):
     task = load_task(cart / "tasks" / "job.toml")
     task = replace(task, limits=replace(task.limits, angle_margin=0.02))  # in Python
@@ -192,6 +193,7 @@ def test_changed_folders_are_refused_in_one_line(plan, capsys, name, change, mes
     assert capsys.readouterr().err == f"ocptip: {caught.value}\n"
 
 
+@pytest.mark.slow
 def test_a_task_made_in_python_is_not_in_the_folder(case, tmp_path, capsys):
     bare = replace(case, source=None)
     write_plan(tmp_path / "p", plan_of(bare, case.reference))

@@ -78,6 +78,7 @@ def test_what_is_missing_or_unclear_is_said(header, message):
         read(header)
 
 
+@pytest.mark.slow
 def test_units_are_never_guessed(tmp_path):
     rows = "\n".join(f"{k / 10},{np.sin(k / 10) ** 2:.6f}" for k in range(32))
     path = tmp_path / "m.csv"

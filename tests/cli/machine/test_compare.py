@@ -38,6 +38,7 @@ def test_the_plans_own_samples_agree(written, capsys):
     assert "not recorded  pose of the base, shifts of contacts" in said
 
 
+@pytest.mark.slow
 def test_findings_are_told_and_drawn(written, tmp_path, capsys):
     path = write(tmp_path / "r.csv", recorded(0, delays={1: 4e-3}))
     figure = tmp_path / "r.png"
@@ -49,6 +50,7 @@ def test_findings_are_told_and_drawn(written, tmp_path, capsys):
     assert figure.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("lost", "said"),
     some(

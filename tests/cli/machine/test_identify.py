@@ -79,6 +79,7 @@ def test_bad_input_is_one_line(written, recording, options, said, capsys):
     assert error.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_links_that_are_written_are_those_of_the_arm_that_reads_them(tmp_path):
     nominal = described()
     found = identify_links(of_links(real(), 0), nominal)
@@ -96,6 +97,7 @@ def test_links_that_are_written_are_those_of_the_arm_that_reads_them(tmp_path):
         arm_of_file(file)
 
 
+@pytest.mark.slow
 def test_an_arm_is_told(written, recording, tmp_path, capsys):
     out = tmp_path / "arm.toml"
     assert main(["identify", "arm", recording, str(written), "--out", str(out)]) == 0

@@ -301,6 +301,7 @@ def test_time_scale_says_what_still_stands(planner, capsys):
     assert "a contact slips or lifts off" in " ".join(out.split())
 
 
+@pytest.mark.slow
 def test_time_scale_beyond_a_limit_but_standing():
     plan = Plan.of(stand_in_plan("C", limits=Limits(GN=0.89)), time_scale=[0.99])
     assert "Times x 0.99: LIMITS BROKEN, " in PlanReport(plan).to_text()
@@ -468,6 +469,7 @@ def test_files_of_others_are_not_replaced(planner, capsys, tmp_path):
     assert files_in(other) == sorted([*FILES, "notes.txt", "motion.png"])
 
 
+@pytest.mark.slow
 def test_figures_of_an_earlier_plan_are_removed(planner, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(motion_plots, "FIGURES", {"motion": motion_plots.FIGURES["motion"]})
     assert run(capsys, "C", "--no-figures")[0] == 0

@@ -88,6 +88,7 @@ def test_bad_input_is_one_line(arguments, words, certificate, capsys, tmp_path, 
     assert words in err
 
 
+@pytest.mark.slow
 def test_plans_hold_their_certificate(tmp_path, capsys):
     out = tmp_path / "plan"
     assert main(["plan", "A", *ONE_START, "--out", str(out)]) == 0

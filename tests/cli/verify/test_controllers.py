@@ -66,6 +66,7 @@ def test_three_points_with_positions_only_are_no_gentle_motion(cart, tmp_path, c
     assert found[0]["GN"] > 10
 
 
+@pytest.mark.slow
 def test_the_way_to_a_first_point_is_judged(cart, tmp_path, capsys):
     """85 degrees in 0.7 s from rest to rest by a quintic: at most 15/8 and 10/sqrt(3) of that, per s, s^2."""
     rest = {name: np.zeros((2, 6)) for name in ("velocities", "accelerations")}
@@ -85,6 +86,7 @@ def test_the_way_to_a_first_point_is_judged(cart, tmp_path, capsys):
     assert any("point at 0 s is the task's start" in text for text in data["assumed"])
 
 
+@pytest.mark.slow
 def test_motions_that_begin_or_end_moving_are_refused(cart, tmp_path, capsys):
     """Not the piece is judged: check says what it takes for granted, and what to check instead."""
     moving = np.zeros((2, 6))

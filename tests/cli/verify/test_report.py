@@ -78,6 +78,7 @@ def stand_in(folder):
     return folder / "A"
 
 
+@pytest.mark.slow
 def test_objects_have_their_margins_in_the_report_of_a_plan_alone(tmp_path, capsys, cases):
     table = (
         '[[object]]\nname = "low"\nmass = 0.5\nfriction = 0.2\nbox = [0.1, 0.1, 0.03]\nrpy_deg = [180, 0, 0]'
@@ -111,6 +112,7 @@ def test_a_task_of_a_cycle_has_load_cases_by_segment(tmp_path, capsys, cases):
     assert sum(lifted["GN"] != row["GN"] for row in (grasped, rows[0])) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("made", [stand_in, pytest.param(planned, marks=pytest.mark.slow)])
 def test_every_number_is_that_of_the_commands_printed_in_it(made, tmp_path, monkeypatch, capsys):
     folder = made(tmp_path)

@@ -473,6 +473,7 @@ def test_a_segment_that_is_not_proved_leaves_the_cycle_verified(plan, proved):
     assert certified_cycle(tight, plan.motion, broken) is broken
 
 
+@pytest.mark.slow
 def test_within_a_tolerance_every_segment_is_certified_and_rests_outlast_delays(plan):
     known = Uncertainty(tilt=0.005, arm_mass=0.02, friction=0.1, speed=0.02, delay=0.01)
     task, motion = load_task(plan.task, uncertainty=known), plan.motion.time_scaled(1.5)

@@ -63,6 +63,7 @@ def test_a_free_pose_spares_energy(plans):
     assert plans("free").energy < 0.95 * plans("fixed").energy
 
 
+@pytest.mark.slow
 def test_the_written_trajectory_is_within_the_range_and_says_where(plans, tmp_path, capsys):
     plan = plans("free")
     folder = tmp_path / "out"
@@ -85,6 +86,7 @@ def test_the_written_trajectory_is_within_the_range_and_says_where(plans, tmp_pa
     assert "gripper pose" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_motion_outside_the_range_is_told_apart(plans, with_pose, tmp_path, capsys):
     write_plan(tmp_path / "out", plans("free"))
     narrow = written(tmp_path, with_pose("free = { z = [-0.0001, 0.0] }"))
@@ -95,6 +97,7 @@ def test_a_motion_outside_the_range_is_told_apart(plans, with_pose, tmp_path, ca
     )
 
 
+@pytest.mark.slow
 def test_the_best_height_is_found(with_pose, tmp_path):
     """Against heights all over the range."""
     task = load_cycle(written(tmp_path, with_pose("free = { z = [-0.1, 0.1] }")))
@@ -140,6 +143,7 @@ def test_ways_as_they_are_stay_among_those_that_are_planned(with_pose, tmp_path)
         np.testing.assert_array_equal(other[: len(layer)], layer)
 
 
+@pytest.mark.slow
 def test_an_open_cycle_may_end_and_begin_free(with_pose, tmp_path):
     pose = with_pose(FREE).split("goal_pose")[1].splitlines()[0]
     text = with_pose(FREE).replace("start_deg = [-40, 35, -18, 45, -37, 180]", f"start_pose{pose}")

@@ -40,6 +40,7 @@ def test_the_plan_keeps_every_segments_reserves_in_stops(folder):
     assert [segment.task.limits.stops.GT for segment in task.segments] == [0.9, 0.9]
 
 
+@pytest.mark.slow
 def test_the_folder_is_checked_with_its_stops(folder, capsys):
     out, _ = folder
     capsys.readouterr()

@@ -158,6 +158,7 @@ def test_files_of_a_plan_are_of_what_the_controller_runs(task, executed, tmp_pat
         assert motion.end == pytest.approx(executed.motion.end, abs=executed.points.period or 1e-9)
 
 
+@pytest.mark.slow
 def test_the_command_reads_it(task, executed, tmp_path, capsys):
     path = tmp_path / "trajectory.json"
     path.write_text(json.dumps(joint_trajectory(task.robot, executed.points)))
@@ -259,6 +260,7 @@ def test_points_of_random_ramps_read_back_keep_their_limits(task, number):
     assert check_motion(robot, again, limits).verified
 
 
+@pytest.mark.slow
 def test_slower_ones_are_looked_for_without_the_tolerance_first(task, monkeypatch):
     """A limit of the described world that the motion breaks by a little decides by how much."""
     motion, given = task.reference.slowed(1.3), []

@@ -16,6 +16,7 @@ from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.trajectory import Trajectory
 from tests.pictures.plan_stand_in import plan_of
 from tests.places import EXAMPLES
+from tests.quick import some
 
 
 def published():
@@ -44,10 +45,13 @@ def planned(make):
 
 @pytest.mark.parametrize(
     ("make", "controller"),
-    [
-        *((published, controller) for controller in ("ramps", "S-curves", *CONTROLLERS)),
-        *(pytest.param(cart, how, marks=pytest.mark.slow) for how in ("S-curves", "ramps", *CONTROLLERS)),
-    ],
+    some(
+        2,
+        [
+            *((published, controller) for controller in ("ramps", "S-curves", *CONTROLLERS)),
+            *(pytest.param(cart, how, marks=pytest.mark.slow) for how in ("S-curves", "ramps", *CONTROLLERS)),
+        ],
+    ),
 )
 def test_files_say_what_was_checked(make, controller, tmp_path):
     task, motion, checked = planned(make)

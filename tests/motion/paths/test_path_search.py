@@ -41,6 +41,7 @@ def test_joints_without_limits_have_one_turn_around_the_ends(tmp_path):
     assert (low[2], high[2]) == (-4.0, 4.0)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_path_and_another_one_another(tmp_path):
     task = task_among(tmp_path)
     first, again, other = (search_path(task, seed=seed).path.coefficients for seed in (0, 0, 5))

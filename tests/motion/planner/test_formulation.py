@@ -200,6 +200,7 @@ def test_a_joint_without_way_may_rest():
     assert len(motion.joints[1].commands) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(TASKS))
 def test_smooth_energies_are_near_the_exact_one(name):
     """Printed solution and random motions: coarse within 2 %, fine within 1 %."""

@@ -64,7 +64,7 @@ def with_rows(program, seed):
     return program.with_rows(rows)
 
 
-@pytest.mark.parametrize("kind", [0, 1, 2])
+@pytest.mark.parametrize("kind", some(1, [0, 1, 2]))
 def test_derivatives_are_those_of_differences(search, kind):
     program, x = list(programs(search, 3))[kind]
     program = with_rows(program, kind)
@@ -121,6 +121,7 @@ def planned():
     return [plan_motion(t, starts=1, jobs=1) for t in (task, fixed)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some(1, [2, 3]))
 def test_a_start_whose_exact_program_is_left_early_goes_on(search, seed):
     """Its iterations end before equations hold: no commands have such phases, another round finds some."""
@@ -129,6 +130,7 @@ def test_a_start_whose_exact_program_is_left_early_goes_on(search, seed):
     assert attempt.check.energy < 26.5
 
 
+@pytest.mark.slow
 def test_a_free_turn_saves_energy_and_the_poses_are_kept(planned):
     free, fixed = planned
     assert free.verified

@@ -14,6 +14,7 @@ from ocptip.published.tasks import experiment_robot
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.arm import Robot
 from tests.motion.planner.node_derivatives import all_slopes, bends
+from tests.quick import some
 
 
 def dc_motors(n, regeneration):
@@ -161,7 +162,7 @@ def test_first_derivatives(robot, smooth):
     assert np.max(np.abs(all_slopes(at) - reference) / np.maximum(scale, 1e-3)) < 1e-6
 
 
-@pytest.mark.parametrize("smooth", [False, True], ids=["hard", "smooth"])
+@pytest.mark.parametrize("smooth", some(2, [False, True]), ids=["hard", "smooth"])
 def test_second_derivatives(robot, smooth):
     physics = NodePhysics(robot, smooth)
     s, direction = spread(robot, smooth)

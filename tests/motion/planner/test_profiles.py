@@ -223,7 +223,7 @@ def test_second_derivatives(seed, way, form):
     np.testing.assert_allclose(hessian, hessian.T, atol=1e-10 * np.max(np.abs(hessian)))
 
 
-@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("form", some(2, FORMS))
 @pytest.mark.parametrize("over", some(1, [SHARE, "", TIME]))
 @pytest.mark.parametrize("free", [(True, True), (True, False), (False, True)])
 def test_derivatives_with_free_ends_late_joints_and_a_process_that_varies(form, over, free):

@@ -46,6 +46,7 @@ def test_it_stands(task, seed):
     assert_stands(task, start_of(task, seed), task.limits)
 
 
+@pytest.mark.slow
 def test_it_stands_with_small_reserves_left(task):
     """With tight limits it is slower, and stands, too."""
     tight = Limits(GN=0.35, GT=0.35)
@@ -59,7 +60,7 @@ def test_it_stands_with_small_reserves_left(task):
     assert np.sum(tight_ends) > 1.1 * np.sum(loose_ends)
 
 
-@pytest.mark.parametrize("name", ["task", "ur5"])
+@pytest.mark.parametrize("name", some(1, ["task", "ur5"]))
 def test_it_leads_from_start_to_goal_within_the_joint_limits(request, name):
     task = request.getfixturevalue(name)
     arm = task.robot.arm.limits
@@ -99,6 +100,7 @@ def test_the_seed_decides(task):
     assert first != other
 
 
+@pytest.mark.slow
 def test_the_path_collides_nowhere(ur5):
     for seed in range(5):
         motion = start_of(ur5, seed)
@@ -106,7 +108,7 @@ def test_the_path_collides_nowhere(ur5):
         assert np.min(ur5.robot.collision.gaps(q)) > ur5.limits.clearance - 5e-3  # looked at 40 instants
 
 
-@pytest.mark.parametrize("straight", [True, False])
+@pytest.mark.parametrize("straight", some(1, [True, False]))
 def test_starts_of_a_robot_with_objects_keep_the_tray_level_enough(root, straight):
     """Draws come nearer to the straight line; the straight one keeps all joints in proportion."""
     task = load_task(root / "src/ocptip/examples/tasks" / "ur5_waiter.toml")

@@ -109,6 +109,7 @@ def test_stronger_brakes_load_the_base_more(task):
     assert found[1].speeds["brakes"].min() == 0.0
 
 
+@pytest.mark.slow
 def test_wider_intervals_are_never_better(task):
     middle = np.array([20.0, 30.0, 20.0, 10.0, 5.0, 2.0])
     narrow = looked_at(task, "brakes", StopRules(brake_min=middle, brake_max=middle))[1]
@@ -157,6 +158,7 @@ def test_half_spaces_of_slip_do_not_change_what_is_safe(task, monkeypatch):
     assert safe.max() == 1.0
 
 
+@pytest.mark.slow
 def test_gentle_stops_are_safe_where_hard_ones_are_not():
     task = experiment_task("C", "effective")
     hard, gentle = (looked_at(task, "path", StopRules(time=time))[1] for time in (0.0, 2.0))
@@ -435,6 +437,7 @@ def test_files_have_the_deceleration_of_a_cancel(case_file, task):
     assert replace(again, decelerations=()) == replace(found.limits.cancel, decelerations=())
 
 
+@pytest.mark.slow
 def test_stopj_is_checked_and_not_planned_for(capsys, motion_file, case_file):
     arguments = ["check", str(motion_file), *PLAIN, "--stops", "cancel", "--json", "--deceleration"]
     for text, rate in (("stopj", 4.0), ("stopj(1.5)", 1.5)):
@@ -559,6 +562,7 @@ def weak(task, share):
     return replace(task, robot=task.robot.varied(arm=replace(task.robot.arm, limits=limits)))
 
 
+@pytest.mark.slow
 def test_guessed_brakes_hold_the_arm(task):
     """Half of a torque limit of 1.1 times what gravity asks would drop it."""
     own = weak(task, 1.1)

@@ -120,6 +120,7 @@ def test_machine_code_gives_the_same_bits(name, monkeypatch, tmp_path):
         np.testing.assert_array_equal(results, tape(column[:, None])[:, 0])
 
 
+@pytest.mark.slow
 def test_tapes_that_run_often_become_machine_code(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setenv("OCPTIP_CACHE_DIR", "")

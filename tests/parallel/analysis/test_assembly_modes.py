@@ -32,7 +32,7 @@ def _example(name: str) -> ParallelRobot:
 
 
 @pytest.mark.parametrize(
-    ("name", "paths"), some(4, [("3RRR", 6), ("3RPR", 6), ("Delta", 2), ("4PRRR", 6), ("6UPS", 40)])
+    ("name", "paths"), some(2, [("3RRR", 6), ("3RPR", 6), ("Delta", 2), ("4PRRR", 6), ("6UPS", 40)])
 )
 def test_modes_hold_the_pose_that_the_motors_come_from(name: str, paths: int) -> None:
     robot = ParallelRobot(READY_MADE[name]())
@@ -48,6 +48,7 @@ def test_modes_hold_the_pose_that_the_motors_come_from(name: str, paths: int) ->
             assert np.abs(_motors(robot, mode.z) - found.qa).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "modes"), some(1, [("rps3", 16), ("prs3", 8), ("sps6", 8)]))
 def test_example_files(name: str, modes: int) -> None:
     robot = _example(name)
@@ -134,6 +135,7 @@ def test_spherical_robot_has_at_most_eight() -> None:
     assert min(np.abs(mode.z).max() for mode in found.modes) < 1e-9
 
 
+@pytest.mark.slow
 def test_general_hexapods_have_forty_complex_solutions_wherever_they_stand() -> None:
     rng = np.random.default_rng(11)
     base, platform = rng.normal(size=(2, 6, 3))
@@ -156,6 +158,7 @@ def test_general_hexapods_have_forty_complex_solutions_wherever_they_stand() -> 
     assert counts[0] == counts[1] > 0
 
 
+@pytest.mark.slow
 def test_all_modes_of_a_hexapod_with_forty_real_ones() -> None:
     """P. Dietmaier, The Stewart-Gough platform of general geometry can have 40 real postures, 1998."""
     base = [(0, 0, 0), (1.107915, 0, 0), (0.549094, 0.756063, 0), (0.735077, -0.223935, 0.525991)]
@@ -203,6 +206,7 @@ def _home_axis(robot: ParallelRobot, link: np.ndarray) -> np.ndarray:
     return turn @ link
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "modes"), some(1, [("tricept", 8), ("exechon", 8)]))
 def test_legs_rigid_with_the_platform_by_newton_from_everywhere(name: str, modes: int) -> None:
     """One leg's passive joints carry the platform; the others' lengths close it: no start finds more."""

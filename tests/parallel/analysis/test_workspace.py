@@ -87,6 +87,7 @@ def test_dexterity_changes_its_sign_at_singular_poses() -> None:
     assert found.shares["beyond a singularity"] > 0
 
 
+@pytest.mark.slow
 def test_ball_joints_with_ranges_and_robots_in_numbers() -> None:
     free = workspace(ParallelRobot(ups6()), {"phi1": (-1, 1), "phi2": (-1, 1)}, cells=6)
     tilt = ParallelRobot(ups6().with_joint_ranges({4: (0.9, 2.2)}))
@@ -113,6 +114,7 @@ def test_ranges_in_files(tmp_path) -> None:
         read_parallel_robot(file)
 
 
+@pytest.mark.slow
 def test_refusals_and_figures() -> None:
     robot = ParallelRobot(rrr3())
     for ranges, cells in (({"q": (0, 1)}, 5), ({}, 5), ({"x": (1, 0)}, 5), ({"x": (0, 1)}, 1)):

@@ -8,6 +8,7 @@ import pytest
 from ocptip.parallel.code.lean import lean_function
 from ocptip.parallel.code.leg_plans import OperationCount, count_operations
 from tests.parallel.parallel_cases import golden
+from tests.quick import some
 
 x, y, z = (cs.SX.sym(name) for name in "xyz")
 
@@ -47,7 +48,7 @@ BOUNDS = {
 }
 
 
-@pytest.mark.parametrize("kind", BOUNDS)
+@pytest.mark.parametrize("kind", some(2, BOUNDS))
 def test_motor_forces_stay_cheap(kind):
     published, target, reached = BOUNDS[kind]
     count = lean_function(golden(kind).robot, form="A", dynpar=3, euler=True).count
@@ -66,6 +67,7 @@ def test_hexapod_stays_cheap():
     assert lean_function(robot, form="A", dynpar=3, euler=True).count.weighted <= 2710
 
 
+@pytest.mark.slow
 def test_base_parameters_are_the_cheapest_form():
     robot = golden("Delta").robot
     counts = [lean_function(robot, form="A", dynpar=dynpar).count.weighted for dynpar in (1, 2, 3)]

@@ -27,6 +27,7 @@ GOLDEN = 1e-9
 SAME = 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", some(1, KIND_NAMES))
 def test_golden_case(kind):
     case = golden(kind)
@@ -39,7 +40,7 @@ def test_golden_case(kind):
         assert error(motors(case.z, case.zd, case.zdd, case.q)["tau"], case.expected["tau_a"]) < GOLDEN
 
 
-@pytest.mark.parametrize("kind", KIND_NAMES)
+@pytest.mark.parametrize("kind", some(2, KIND_NAMES))
 @pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 6))])
 def test_all_routes_agree_on_random_robots(kind, seed):
     state = random_state(kind, seed)
@@ -57,6 +58,7 @@ def test_all_routes_agree_on_random_robots(kind, seed):
 SLOW_KINDS = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("3RRR", "Delta", "4PRRR")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["3RPR", pytest.param("6UPS", marks=pytest.mark.slow), *SLOW_KINDS])
 def test_five_forms_are_one_equation(kind):
     state = random_state(kind, 5)
@@ -142,6 +144,7 @@ def _power_functions():
     return lean_function(robot, ("tau", "M", "qd"), form="A"), ParallelRobot(robot)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", some(1, ["3RPR", "6UPS", "4PRRR"]))
 def test_drives_friction_and_external_wrench(kind):
     state = random_state(kind, 7)
@@ -172,6 +175,7 @@ def test_drives_friction_and_external_wrench(kind):
     assert error(found["W_joint"] @ terms.ravel("F"), rows.T @ efforts) < SAME
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "dynpar"), some(1, [("Delta", 2), ("4PRRR", 3), ("3RPR", 2), ("6UPS", 3)]))
 def test_regressor(kind, dynpar):
     state = random_state(kind, 9)
@@ -231,6 +235,7 @@ def test_other_parameters_at_call_time():
     assert np.abs(weightless).max() == 0.0
 
 
+@pytest.mark.slow
 def test_motors_at_several_joints_of_a_leg():
     """Two motors on leg 1, none on leg 2: the motor forces still solve J_a^T tau_a = tau_s."""
     state = random_state("3RRR", 6)

@@ -22,6 +22,7 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import read_robot
 from tests.parallel.parallel_cases import golden
 from tests.places import EXAMPLES
+from tests.quick import some
 
 
 def made(kind="3RPR"):
@@ -164,7 +165,7 @@ REFUSED = {"delta_parallelograms.toml": "leg 1 is branched or has closed loops"}
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in ROBOTS]
+    "name", some(3, [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in ROBOTS])
 )
 def test_every_ready_made_and_example_robot_has_texts(name):
     robot = ParallelRobot(read_robot(name if name in READY_MADE else str(EXAMPLES / "robots" / name)))

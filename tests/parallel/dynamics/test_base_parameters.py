@@ -139,7 +139,9 @@ def test_rank_of_the_whole_robot(kind, random_rank, design_rank):
     assert len(found.values(p)) == random_rank
 
 
-@pytest.mark.parametrize(("kind", "seed", "rank"), [("Delta", 0, 13), ("4PRRR", 0, 10), ("6UPS", 2, 23)])
+@pytest.mark.parametrize(
+    ("kind", "seed", "rank"), some(1, [("Delta", 0, 13), ("4PRRR", 0, 10), ("6UPS", 2, 23)])
+)
 def test_default_spread_suits_robots_with_a_small_workspace(kind, seed, rank):
     robot = random_state(kind, seed).robot
     found = numeric_base_parameters(robot)
@@ -165,6 +167,7 @@ def test_bad_regressors():
         stacked_regressor(robot, spread=50.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "rank"), some(1, [("Delta", 13), ("3RRR", 9), ("6UPS", 21)]))
 def test_functions_with_the_base_parameters_of_the_whole_robot(kind, rank):
     """DynPar 3 of the whole robot: tau, W and the function that makes it from DynPar 2."""
@@ -187,6 +190,7 @@ def test_functions_with_the_base_parameters_of_the_whole_robot(kind, rank):
         lean_function(robot, form="A", base=base)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "make"),
     some(

@@ -10,6 +10,7 @@ from ocptip.parallel.robot import ParallelRobot
 from tests.parallel.parallel_examples import extra_leg, five_axes, spu6
 from tests.parallel.parallel_twin import Twin, rod_delta
 from tests.parallel.test_dependent_coordinates import MECHANISMS, robot_of
+from tests.quick import some
 
 ROBOTS = {
     **READY_MADE,
@@ -39,7 +40,7 @@ def state_of(robot, seed):
     return robot.description.home + 0.02 * rng.uniform(-1, 1, robot.m), *rng.uniform(-0.5, 0.5, (2, robot.m))
 
 
-@pytest.mark.parametrize("name", [*ROBOTS, *MECHANISMS])
+@pytest.mark.parametrize("name", some(5, [*ROBOTS, *MECHANISMS]))
 def test_joints_carry_motors_base_and_platform(name):
     robot = any_robot(name)
     z, zd, zdd = state_of(robot, 1)

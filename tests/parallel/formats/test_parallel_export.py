@@ -27,6 +27,7 @@ from ocptip.parallel.simulation import simulate
 from tests.oracles.parallel_urdf.reader import urdf_cuts, urdf_home
 from tests.parallel.parallel_examples import five_axes, prr3, redundant_leg, vertical_delta
 from tests.parallel.parallel_twin import random_robot, relative, rod_delta
+from tests.quick import some
 
 ROBOTS = {
     "3RRR": rrr3,
@@ -193,7 +194,7 @@ def test_mujoco_mass_matrix(name):
     assert 0.5 * momentum @ data.qvel == pytest.approx(ours.energy(z, s, rates.q)[0], rel=1e-11)
 
 
-@pytest.mark.parametrize("name", ["3RRR", "Delta", "6UPS"])
+@pytest.mark.parametrize("name", some(1, ["3RRR", "Delta", "6UPS"]))
 def test_mujoco_moves_as_we_do(name):
     """50 ms with motors off from 1 m/s on, in (first-order) steps of 0.1 ms: within 0.1 % of the way."""
     ours, model = robot(name), mujoco.MjModel.from_xml_string(to_mjcf(robot(name)))
@@ -320,6 +321,7 @@ def test_command_refuses(capsys, arguments, message):
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_command_names_what_cannot_be_exported(capsys, monkeypatch, tmp_path):
     """And writes nothing, the other files neither."""
     monkeypatch.setattr(command, "read_robot", lambda name: prr3())

@@ -72,6 +72,7 @@ def mixed_robot(seed: int) -> tuple[RobotDescription, np.ndarray]:
     return robot, np.column_stack(joints)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(3, 12))])
 def test_random_legs(seed):
     robot, q = mixed_robot(seed)

@@ -68,6 +68,7 @@ def test_page_is_small_and_whole(page):
     assert "__VISER_EMBED_DATA__" in page
 
 
+@pytest.mark.slow
 def test_page_of_an_arm_with_solids_is_made_quickly():
     task = load_task(EXAMPLES / "tasks/ur5_cart.toml")
     motion = swing(task)
@@ -269,6 +270,7 @@ def test_view_of_a_plan_folder(tmp_path, capsys):
     assert (tmp_path / "a.html").stat().st_size < 3_000_000
 
 
+@pytest.mark.slow
 def test_view_of_two_plans(tmp_path, capsys):
     task = experiment_task("A")
     for name, factor in (("one", 1.0), ("two", 1.2)):
@@ -287,6 +289,7 @@ def test_view_of_a_scene(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["frames"] == 1
 
 
+@pytest.mark.slow
 def test_view_of_a_placement(tmp_path, capsys):
     path = EXAMPLES / "tasks/place_incline.toml"
     result = place(load_placement(path).problem, starts=1, samples=100)
@@ -350,6 +353,7 @@ def test_browser_shows_the_page(page, tmp_path):
     assert pixels.std() > 10
 
 
+@pytest.mark.slow
 def test_a_closed_chain_in_its_workspace(tmp_path):
     """Dots of the edge part poses that the joints reach from others; the page has legs and dots."""
     task = load_task(EXAMPLES / "tasks/delta_cart.toml")

@@ -87,7 +87,7 @@ def differences(function, x, step=1e-6):
     return np.array([(function(x + e) - function(x - e)) / (2 * step) for e in step * np.eye(len(x))]).T
 
 
-@pytest.mark.parametrize("name", some(2, PROBLEMS))
+@pytest.mark.parametrize("name", some(1, PROBLEMS))
 def test_derivatives(name):
     program, x = program_at(PROBLEMS[name]())
     assert len(program.labels) == len(program.bounds[0]) == len(program.values(x)[1])
@@ -113,6 +113,7 @@ def test_derivatives(name):
     assert (exact[~bends] == 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reachable", [False, True])
 @pytest.mark.parametrize("name", some(1, ["clamped on a step", "four feet"]))
 def test_elastic_derivatives(name, reachable):
@@ -135,6 +136,7 @@ def test_elastic_derivatives(name, reachable):
     assert np.abs(exact - numeric).max() < 1e-4 * np.abs(numeric).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("orientation", ["full", "axis"])
 def test_orientation_rows_grow_up_to_half_a_turn(orientation):
     position = np.array([-0.5, 0.1, 0.3])

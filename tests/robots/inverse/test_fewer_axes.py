@@ -15,6 +15,7 @@ from ocptip.robots.inverse.pose_search import NEAREST, effective_axes
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.model import ArmModel, JointLimits
+from tests.quick import some
 
 ABOUT = {"z": np.eye(3), "y": Rotation.from_rotvec([-np.pi / 2, 0, 0]).as_matrix()}
 """Joint axes to link axes: joints turn about z of their link."""
@@ -71,7 +72,7 @@ def independent_miss(arm, position, rotation, q):
     return least_squares(errors, q, xtol=1e-15, ftol=1e-15, gtol=1e-15).fun
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", some(3, ARMS))
 @pytest.mark.parametrize("digits", [4, 6, 9])
 def test_poses_with_rounded_digits_are_reached(name, digits):
     arm, effective = ARMS[name]
@@ -92,7 +93,7 @@ def test_poses_with_rounded_digits_are_reached(name, digits):
     assert not np.any(target.reached(arm, found + 1e-3, 1e-6))
 
 
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize("name", some(1, ARMS))
 def test_poses_beyond_the_allowed_miss_are_refused_with_their_miss(name):
     arm, _ = ARMS[name]
     position, rotation = written(arm, ANGLES[: arm.n], 9, turned=0.1)

@@ -33,7 +33,7 @@ def test_families():
     assert closed_form_family(random_arm(0, 7)) is None
 
 
-@pytest.mark.parametrize("name", CLOSED)
+@pytest.mark.parametrize("name", some(2, CLOSED))
 def test_closed_form_contains_the_angles_it_came_from_and_every_branch_fits(name):
     model = CLOSED[name].mounted([0.1, -0.2, 0.3])
     states = np.random.default_rng(0).uniform(-np.pi, np.pi, (150, 6))
@@ -45,6 +45,7 @@ def test_closed_form_contains_the_angles_it_came_from_and_every_branch_fits(name
         assert np.abs(branches - q).max(axis=1).min() < 1e-7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some(1, CLOSED))
 def test_search_finds_no_branch_that_closed_form_misses_nor_the_other_way_round(name):
     model = CLOSED[name]
@@ -69,7 +70,7 @@ def test_any_pose_is_reproduced_singular_ones_included(name, angles):
     assert (gaps[~np.eye(len(gaps), dtype=bool)] > 1e-6).all()
 
 
-@pytest.mark.parametrize("name", CLOSED)
+@pytest.mark.parametrize("name", some(8, CLOSED))
 @pytest.mark.parametrize("distance", [0.0, 1e-9, 1e-8, 1e-7, 1e-5, 1e-3])
 def test_poses_next_to_singular_ones_are_not_called_unreachable(name, distance):
     model = CLOSED[name]
@@ -117,6 +118,7 @@ def test_passive_joint_4_of_fsfs_cruises_as_printed():
     assert abs(goal[3] - start[3]) == pytest.approx(135 * 1.8749, abs=0.02)  # speed limit times t_4''
 
 
+@pytest.mark.slow
 def test_search_without_closed_form_and_with_other_numbers_of_joints():
     for joints in (3, 4, 6):
         model = random_arm(joints, joints)

@@ -72,6 +72,7 @@ def test_casters_carry_no_tangential_force():
     assert found.slip[0] == pytest.approx(by_hand, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_limits_are_those_at_which_stand_changes(task):
     kinds = np.array([[-1.0, 0, 0], [0.4, 1, 0]])
     robot, q = task.robot, task.start
@@ -96,6 +97,7 @@ def test_friction_within_the_uncertainty_does_not_depend_on_where_the_search_beg
     assert np.all(anew.largest < nominal.largest)
 
 
+@pytest.mark.slow
 def test_limits_within_pushes_and_on_free_wheels_are_those_of_the_worst_case(task):
     robot, q = task.robot, task.start
     front, rear = robot.support.contacts[:2], robot.support.contacts[2:]

@@ -111,6 +111,7 @@ def test_bad_files_are_refused_by_name(tmp_path, text, words):
         load_asked(file, ROBOT.arm, {})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corners", [3, *(pytest.param(n, marks=pytest.mark.slow) for n in (4, 5))])
 def test_what_half_spaces_prove_need_not_be_solved(corners, monkeypatch):
     turns = 2 * np.pi * np.arange(corners) / corners + 0.1

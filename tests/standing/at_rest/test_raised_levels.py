@@ -17,6 +17,7 @@ from ocptip.standing.at_rest.raised import RaisedPayload, RaisedPush, RaisedTilt
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.cycle import read_task
 from tests.places import EXAMPLES
+from tests.quick import some
 
 LARGE = Uncertainty(tilt=0.02, push=4.0, payload_mass=0.05, arm_mass=0.03)
 
@@ -79,7 +80,7 @@ def test_postures_whose_torques_are_too_large_on_a_level_floor_keep_no_tilt(kit)
     assert (found.levels == 0).all()
 
 
-@pytest.mark.parametrize("height", [None, 0.7])
+@pytest.mark.parametrize("height", some(1, [None, 0.7]))
 def test_at_the_largest_push_the_moment_is_the_smallest_allowed(kit, height):
     robot, limits = kit
     q = random_postures(robot.arm, 20)
@@ -133,7 +134,7 @@ def test_within_an_uncertainty_levels_are_smaller_and_kept_by_random_deviations(
     assert min(nearest) < 0.5 * np.median(nearest)
 
 
-@pytest.mark.parametrize(("speed", "acceleration"), [(0.0, 0.3), (0.3, 0.0), (0.3, 0.3)])
+@pytest.mark.parametrize(("speed", "acceleration"), some(1, [(0.0, 0.3), (0.3, 0.0), (0.3, 0.3)]))
 def test_payloads_of_moving_joints_are_those_of_the_worst_of_all_ends(kit, speed, acceleration):
     """All ends of accelerations and speeds, and random motions between them, one by one."""
     robot, limits = kit

@@ -89,6 +89,7 @@ def worst_of(robot, states):
     return reserves(robot.support, robot.loads(*states)[1], robot.tip_over.reference_moment)
 
 
+@pytest.mark.slow
 def test_motions_are_solved_anew(case):
     robot, states = case
     found = {one.quantity: one for one in motion_sensitivities(robot, *states)}
@@ -111,6 +112,7 @@ def test_motions_are_solved_anew(case):
         np.testing.assert_allclose(values(found[name].before), worst_of(robot, states), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_exact_slopes_are_those_of_differences(case, monkeypatch):
     """A step so small that the worst instants stay: (after - before) / step."""
     robot, states = case
@@ -132,6 +134,7 @@ def test_exact_slopes_are_those_of_differences(case, monkeypatch):
         np.testing.assert_allclose(slope, expected, rtol=2e-3, atol=2e-3 * np.abs(expected).max() + 1e-6)
 
 
+@pytest.mark.slow
 def test_the_worst_case_of_a_motion_is_that_of_a_robot_built_anew():
     """Its values begin at those of the check, and change to those of the check of the changed robot."""
     task = experiment_task("B", "effective")

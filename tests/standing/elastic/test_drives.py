@@ -96,6 +96,7 @@ def test_small_motions_are_slopes_of_the_dynamics():
             assert np.allclose((sides[0] - sides[1]) / 2e-5, slopes, atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("soft", some(1, [True, False]))
 def test_vibration_is_that_of_a_simulation(soft):
     robot, motion = plan_of("A")
@@ -127,6 +128,7 @@ def test_one_joint_rings_as_by_hand():
     assert damped.modes[0].damping == pytest.approx((0.1, 0.1))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("detuned", some(1, [1.0, 0.5, 2.0]))
 def test_ripple_of_a_drive_excites_what_it_moves(detuned):
     """A recorded drive that ripples: r^2 / (1 - r^2 + 2 i zeta r) times the ripple, r = w / w_0."""
@@ -180,6 +182,7 @@ def test_a_check_is_not_verified_where_ringing_loses_a_contact():
     assert rise.peak < 0.8 * checked.drives.peak.value
 
 
+@pytest.mark.slow
 def test_stiff_gears_change_little_and_too_fast_ones_nothing():
     robot, motion = plan_of("B")
     robot, motion = softened(robot, 2e5, damping_ratio=0.1), motion.time_scaled(1.6)
@@ -203,6 +206,7 @@ def test_gears_that_are_too_soft_are_no_verdict():
     assert found.modes[0].damping[0] < 0  # grows
 
 
+@pytest.mark.slow
 def test_no_rise_time_is_named_where_nothing_rings():
     robot, motion = plan_of("A")
     found = with_rise(geared(robot), motion.time_scaled(20.0))
@@ -270,7 +274,7 @@ def test_an_arm_that_cannot_have_springs_is_refused():
         spring_chain(wrong)
 
 
-@pytest.mark.parametrize("gears", [False, True])
+@pytest.mark.parametrize("gears", some(1, [False, True]))
 def test_a_process_over_time_acts_on_springs_as_one_that_stays(gears):
     robot, motion = plan_of("A")
     robot, motion = softened(robot, 1e6, damping_ratio=0.1), motion.time_scaled(1.5)

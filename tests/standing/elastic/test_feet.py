@@ -83,6 +83,7 @@ def test_inertia_is_that_of_other_rigid_bodies():
     assert np.allclose(bias, -wrench, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "stiffness", "ratio", "step"), some(1, [("A", 1e5, 0.05, 1e-3), ("A", 1e6, 0.2, 1e-3)])
 )
@@ -118,6 +119,7 @@ def test_plan_b_falls_from_soft_feet():
     assert "a foot moves by more than 20 mm at 0." in found.lines()[0]
 
 
+@pytest.mark.slow
 def test_steps_are_fine_enough(monkeypatch):
     robot, motion = plan_of("G")
     soft = softened(robot, 1e6)
@@ -250,6 +252,7 @@ def replayed(robot, motion):
     return on_its_feet(robot, motion), replay, compared_replay(parts, replay)
 
 
+@pytest.mark.slow
 def test_feet_beside_a_clamp_swing_as_in_another_simulator():
     robot, motion = plan_of("C")
     soft = softened(robot, 1e6)
@@ -309,6 +312,7 @@ def test_the_least_stiffness_is_where_a_foot_begins_to_lift():
     assert (gentle.least, gentle.lost) == (on_feet.SOFTEST, None)
 
 
+@pytest.mark.slow
 def test_feet_that_hold_only_if_they_are_soft_enough():
     """A jump lifts a foot on stiff ones, and on soft ones; in between the next jump comes before it does."""
     robot, motion = plan_of("E")

@@ -152,7 +152,7 @@ def test_slow_motions_and_continuous_accelerations_pass(task):
     assert check_motion(task.robot, points, LIMITS).worst["jump_GN"].detail == "no acceleration steps"
 
 
-@pytest.mark.parametrize("merge", [0.0, 0.05])
+@pytest.mark.parametrize("merge", some(2, [0.0, 0.05]))
 @pytest.mark.parametrize("seed", [1, 4])
 def test_nodes_of_the_exact_program_have_the_loads_of_the_jumps(task, seed, merge):
     program, x, motion, order = ordered(task, seed, merge)

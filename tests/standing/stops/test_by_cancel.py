@@ -98,6 +98,7 @@ def test_joints_that_stop_together_stay_on_a_line_and_the_leading_one_has_its_ra
     assert np.all(cancel.rates(qd)[~moving] == np.broadcast_to(most, qd.shape)[~moving])
 
 
+@pytest.mark.slow
 def test_the_worst_of_joints_that_stop_together_is_that_of_a_dense_search(case):
     robot, motion = case.robot, case.reference
     cancel = Cancel((4.0,) * robot.n, together=True)
@@ -200,6 +201,7 @@ def test_safe_decelerations_end_where_a_limit_does(case):
     assert slow.minimum > found.minimum
 
 
+@pytest.mark.slow
 def test_a_plan_for_cancels_is_not_advised_again(case):
     """The contacts are named before the drives; a motion that was planned for cancels needs other advice."""
     robot, motion, limits = case.robot, case.reference, case.limits
@@ -281,6 +283,7 @@ def test_a_cycle_has_one_proposal_that_fits_all_segments(case):
     )
 
 
+@pytest.mark.slow
 def test_within_an_uncertainty_nothing_sampled_is_worse(case):
     """Deviations drawn at random, joints delayed each by itself, in states of random stops."""
     robot, motion = case.robot, case.reference
@@ -355,6 +358,7 @@ def drawn_cancels(motion, cancel, late, more, count, rng):
     return s.reshape(count, -1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("delay", "together"), some(1, [(0.01, False), (0.0, False), (0.01, True)]))
 def test_steps_of_the_motion_overshoot_in_cancels(ur5, delay, together):
     """No drawn state tips more than reported, but by 0.002 of GN: instants and states are samples. Of all

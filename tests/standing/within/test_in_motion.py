@@ -67,6 +67,7 @@ def forces_of_three_feet(support, wrenches):
     return np.linalg.solve(balance, -np.stack([fz, mx + height * fy, my - height * fx])).T
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", some(1, ["C", "A"]))
 def test_three_feet_have_a_minimum_force_in_the_worst_case(case):
     """C stands on a clamp, which lets go where it would have to pull more than it holds."""
@@ -93,6 +94,7 @@ def test_three_feet_have_a_minimum_force_in_the_worst_case(case):
     assert attained.min() - lets_go[foot - 1] == pytest.approx(found.value, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_how_much_of_a_tolerance_a_motion_can_have(task):
     motion, tolerance = slow(task, 2.0), Uncertainty(tilt=np.radians(3.0), friction=0.2, damping=0.05)
     limits = dataclasses.replace(task.limits, tolerance=tolerance)
@@ -107,6 +109,7 @@ def test_how_much_of_a_tolerance_a_motion_can_have(task):
         assert all(own.excess <= 0 for own in worst if own.name.endswith("_worst_case")) == kept
 
 
+@pytest.mark.slow
 def test_motions_with_objects_keep_a_small_tolerance_as_a_whole():
     task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
     up = {"rotation": np.diag([1.0, -1.0, -1.0]), "position": (0.1, 0.0, -0.05)}
@@ -291,6 +294,7 @@ def test_half_spaces_tell_of_postures_what_the_search_for_the_worst_slip_finds()
     assert not cases.keeps_slip(s, np.median(worst))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "factor", "seed"), some(1, [("B", 1.3, 0), ("E", 1.6, 1)]))
 def test_joints_of_s_curves_are_late_between_events_too(name, factor, seed):
     """Random combinations of late joints at random instants are no worse than what is found."""

@@ -45,6 +45,7 @@ def tilted(angle, turn):
     return 9.81 * (np.cos(angle) * np.array([0, 0, -1.0]) + np.sin(angle) * side)
 
 
+@pytest.mark.slow
 @examples(3)
 @given(seed=st.integers(0, 10**6))
 def test_nothing_inside_is_worse(seed):

@@ -14,6 +14,7 @@ def ctn(pose):
     return control_number(pose).value
 
 
+@pytest.mark.slow
 def test_search_finds_the_published_optimum():
     design = FlightSimulator.optimal()
     best = best_pose(
@@ -27,6 +28,7 @@ def test_search_finds_the_published_optimum():
     assert best.evaluations > 100
 
 
+@pytest.mark.slow
 def test_search_finds_control_number_one_in_six_dimensions():
     pose = example_main().pose
     best = best_pose(
@@ -50,6 +52,7 @@ def test_search_stays_in_its_box():
     assert best.position[2] == pytest.approx(0.7, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_quality_index():
     design = FlightSimulator.optimal()
     box = {"half_range": [0.1, 0.1, 0.3], "half_angle": 0.0, "starts": 2}

@@ -30,6 +30,7 @@ def test_durations_are_on_the_limit(small):
     assert "| bound by |" in (out / "parallel_on_support.md").read_text()
 
 
+@pytest.mark.slow
 def test_faster_than_that_is_not_allowed_and_slower_is(small):
     _, data = small
     case = study.cases()[0]

@@ -108,6 +108,7 @@ def test_nothing_is_run_twice(copy, monkeypatch, capsys):
     assert "no finished starts" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_goes_on_after_a_line_that_was_being_written(copy, monkeypatch):
     journal = copy / "plan_cases.jsonl"
     whole = journal.read_bytes()
@@ -154,6 +155,7 @@ def test_two_writers_keep_each_others_starts(copy):
     assert [key[2] for key in plan_cases_journal.Journal(path, 0).lines] == [0, 1, 2, 3]
 
 
+@pytest.mark.slow
 def test_interrupt_keeps_what_is_done(copy, monkeypatch, capsys):
     def run(payload, number, seed):
         if number == 2:

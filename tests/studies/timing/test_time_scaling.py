@@ -48,6 +48,7 @@ def tipping(robot, motion, times):
 # --- one motion ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", some(1, ["B", "C", "F"]))
 def test_lift_off_begins_where_the_moments_say(case):
     """Moments are affine in 1/tau^2: tau* = largest sqrt(-moving/rest), without any contact solver."""
@@ -280,6 +281,7 @@ def test_study_writes_all_or_nothing_else(study):
         assert r["rests_anywhere"]
 
 
+@pytest.mark.slow
 def test_slower_plan_has_as_much_more_headroom(study):
     _, data = study
     _, ours, printed = data["rows"]
