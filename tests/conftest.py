@@ -6,6 +6,7 @@ import gc
 import os
 import pickle
 import warnings
+from copy import deepcopy
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import scipy.linalg  # noqa: F401
 from hypothesis import settings
 from threadpoolctl import threadpool_limits
 
+from ocptip.certificate import checks
 from ocptip.motion import tolerated
 from ocptip.standing.at_rest.load_cases import tilt_by_direction
 from ocptip.standing.tolerance import NONE
@@ -90,18 +92,23 @@ def pytest_collection_finish():
 
 
 @pytest.fixture(scope="session", autouse=True)
-def robustness_once():
-    """Commands compute the robustness of equal robots and motions once: half of the time of a check."""
-    known, compute = {}, tolerated.tolerated
+def computed_once():
+    """Commands compute the robustness and the proof of equal robots and motions once."""
 
-    def remembered(robot, motion):
-        key = pickle.dumps((robot, motion))
-        if key not in known:
-            known[key] = compute(robot, motion)
-        return known[key]
+    def once(compute):
+        known = {}
+
+        def remembered(*arguments):
+            key = pickle.dumps(arguments)
+            if key not in known:
+                known[key] = compute(*arguments)
+            return deepcopy(known[key])
+
+        return remembered
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tolerated, "tolerated", remembered)
+        patch.setattr(tolerated, "tolerated", once(tolerated.tolerated))
+        patch.setattr(checks, "certify", once(checks.certify))
         yield
 
 
@@ -132,6 +139,12 @@ def files_once():
         for read in (cycle.load_task, cycle.load_cycle):
             patch.setattr(cycle, read.__name__, once(read))
         yield
+
+
+@pytest.fixture
+def without_robustness(monkeypatch):
+    """Commands look for no deviations that lose a contact: of tests of other answers."""
+    monkeypatch.setattr(tolerated, "tolerated", lambda robot, motion: [])
 
 
 @pytest.fixture

@@ -29,7 +29,8 @@ BLOCKS = {
     for name, text in TEXTS.items()
     for number, code in enumerate(re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL), 1)
 }
-SLOW = ("ocptip.plan(", "plan_motion(", "place(")  # calls that take many seconds
+SLOW = ("ocptip.plan(", "plan_motion(", "place(", "ocptip.check(")  # calls that take many seconds
+SLOW_COMMANDS = ("ocptip parallel", "--workspace")  # as well; tests/cli looks at what they print
 COMMANDS = sorted({
     line.split("#")[0].strip()
     for text in TEXTS.values()
@@ -101,7 +102,13 @@ def test_python_block_runs(folder, code, capfd):
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(line, marks=pytest.mark.slow if any(part in line for part in SLOW_COMMANDS) else ())
+        for line in COMMANDS
+    ],
+)
 def test_command_runs(folder, capsys, command):
     assert main(shlex.split(command)[1:]) == 0
     assert capsys.readouterr().out

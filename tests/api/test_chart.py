@@ -37,6 +37,7 @@ def test_cells_hold_the_smallest_and_the_largest_payload_of_their_postures(chart
             assert (one.any_posture, one.best_posture) == (masses[inside].min(), masses[inside].max())
 
 
+@pytest.mark.slow
 def test_blocks_of_postures_are_one_chart(chart, monkeypatch):
     monkeypatch.setattr(sys.modules["ocptip.api.chart"], "_BLOCK", 100)
     done = []
@@ -93,6 +94,7 @@ def test_no_posture_collides_or_leaves_the_joint_limits(chart):
     assert np.all((chart.q >= limits.angle_min) & (chart.q <= limits.angle_max))
 
 
+@pytest.mark.slow
 def test_the_seed_decides(chart):
     again = ocptip.chart(TASK, samples=600, levels=[0.0, 2.0, 4.0], uncertainty="none")
     np.testing.assert_array_equal(chart.q, again.q)

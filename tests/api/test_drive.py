@@ -101,6 +101,7 @@ def test_parameters_for_navigation_hold_together(envelope):
     assert 0 < sideways["max_accel"][1] < envelope.limit("left")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heavy", some(1, [False, True]))
 def test_reverse_is_allowed_only_where_the_same_limits_hold_backwards(tmp_path, heavy):
     """The cart brakes unlike it accelerates, for its arm; one that is far heavier than the arm does alike."""
@@ -140,6 +141,7 @@ def test_parameters_for_navigation_hold_from_full_acceleration_to_full_braking(e
     assert max(within.tip.value, within.slip.value) < 1
 
 
+@pytest.mark.slow
 def test_accelerations_that_end_swing_back():
     """With the arm to one side, the other side tips when an acceleration that it could stand ends."""
     damped, gentle = (ocptip.drive(TASK, uncertainty=ocptip.Uncertainty(damping=d)) for d in (0.05, 0.999999))

@@ -98,6 +98,7 @@ def test_stops_are_refused_while_the_base_drives(task):
         ocptip.check(task, "start", drive_profile=profile, stops="path")
 
 
+@pytest.mark.slow
 def test_limits_on_stops_are_left_out_while_the_base_drives(task):
     stopping = task.each(lambda own: dataclasses.replace(own, limits=own.stops.asked(own.limits)))
     found = ocptip.check(stopping, "start", drive_profile="1 m, 0.5 m/s, 0.5 m/s^2")

@@ -20,6 +20,9 @@ from tests.standing.simulation.test_replay import plan_of as committed
 VERBS = ["Trajectory", "chart", "compare", "export", "identify", "place", "rate", "simulate", "stand", "view"]
 """Those whose example takes seconds; plans have tests of their own."""
 
+LONG = {"chart", "compare", "place"}
+"""Those whose example takes longer than other tests of them."""
+
 
 def example(function):
     """The code after `Example::` in a docstring."""
@@ -42,7 +45,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    "verb", [pytest.param(verb, marks=pytest.mark.slow) if verb == "place" else verb for verb in VERBS]
+    "verb", [pytest.param(verb, marks=pytest.mark.slow) if verb in LONG else verb for verb in VERBS]
 )
 def test_its_example_runs(verb, folder, monkeypatch):
     monkeypatch.chdir(folder)

@@ -187,7 +187,7 @@ DEEP = 100_000
         (parse_toml, "a = " + "[" * 150 + "]" * 150),
         (parse_toml, ".".join("a" * 5000) + " = 1"),
         (parse_toml, "[" + ".".join("a" * 5000) + "]"),
-        (parse_yaml, "[" * DEEP),
+        pytest.param(parse_yaml, "[" * DEEP, marks=pytest.mark.slow),
         (parse_yaml, "[" * 150 + "]" * 150),
         (parse_yaml, "- " * 5000),
         (parse_xml, "<a>" * 150 + "</a>" * 150),

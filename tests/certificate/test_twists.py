@@ -75,9 +75,9 @@ def test_limits_within_a_box_hold_all_its_wrenches():
     rng = np.random.default_rng(3)
     grasp, wrench = _scene(rng, 3)
     limits = np.array([0.3, 1.2, 0.8])
-    for half in (0.01, 0.1):
-        need = max(_least_share(grasp, wrench + half * rng.choice([-1.0, 1.0], 6), limits) for _ in range(4))
-        assert _room(grasp, wrench, 0.99 * need * limits, half) < 0
+    half = 0.1
+    need = max(_least_share(grasp, wrench + half * rng.choice([-1.0, 1.0], 6), limits) for _ in range(3))
+    assert _room(grasp, wrench, 0.99 * need * limits, half) < 0
 
 
 def test_a_contact_that_bears_nothing_counts_for_nothing():

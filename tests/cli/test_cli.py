@@ -486,6 +486,7 @@ def test_process_exit_codes(scenes, tmp_path):
     assert re.fullmatch(r"ocptip: broken\.toml: broken TOML: .*line 1.*\n", refused.stderr)
 
 
+@pytest.mark.slow
 def test_names_outside_of_ascii_survive_any_terminal(tmp_path):
     path = tmp_path / "übung.toml"
     path.write_text(ISSUE_SCENE)
@@ -608,6 +609,7 @@ def test_feet_that_give(capsys):
     assert data["redistribution"] == "tangential"
 
 
+@pytest.mark.slow
 def test_a_terminated_command_ends_its_processes_and_says_so(tmp_path):
     command = [
         sys.executable,

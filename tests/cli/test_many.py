@@ -84,6 +84,7 @@ def test_two_of_one_name_are_refused(here, tmp_path):
         answer_many(options_for(tmp_path, "a:yes", "a:no"), read, work)
 
 
+@pytest.mark.slow
 def test_errors_and_dead_workers_are_lines(tmp_path, capsys):
     tasks = ["a:yes", "b:fails", "c:dies", "d:once", "e:yes"]
     report = answer_many(options_for(tmp_path, *tasks, json=True), read, work)

@@ -4,6 +4,8 @@ import json
 import subprocess
 import sys
 
+import pytest
+
 from ocptip.cli.commands import COMMANDS
 from studies.common import EXAMPLES
 
@@ -47,6 +49,7 @@ def test_stand_loads_what_it_needs():
     assert not any(name.startswith(("ocptip.motion", "ocptip.robots")) for name in modules)
 
 
+@pytest.mark.slow
 def test_plan_and_check_begin_without_what_only_some_tasks_need():
     code, modules = loaded(["plan", "missing.toml", "--jobs", "1"], ["check", "missing.csv"])
     assert code == 2

@@ -37,6 +37,7 @@ def test_nothing_is_found_where_nothing_is(seed):
         assert one.left == pytest.approx(one.rms, rel=0.05)
 
 
+@pytest.mark.slow
 def test_normal_forces_stand_beside_those_of_the_plan():
     """Of three rigid feet: force and moment balance of the base about them, by hand."""
     recording, base = recorded(0), predictor().robot.support
@@ -86,6 +87,7 @@ def test_a_late_joint_is_found_and_does_not_look_like_masses():
     assert found.findings[0].value == pytest.approx(4.0, abs=2 * found.findings[0].interval)
 
 
+@pytest.mark.slow
 def test_a_late_sensor_is_found():
     found = compare(recorded(0, late={"sensor": 4e-3}), predictor())
     assert names(found) == ["delay of force-torque sensor"]

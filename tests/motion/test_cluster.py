@@ -29,6 +29,7 @@ def test_dead_workers_of_a_cluster(tmp_path):
             pool.submit(calls.dies, 50, f"{tmp_path}", 1).result()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of Dask, about its own sockets
 def test_the_cluster_goes_on_without_us():
     here = {"n_workers": 1, "threads_per_worker": 2, "processes": False, "dashboard_address": ":0"}

@@ -132,6 +132,7 @@ def test_a_plan_that_was_interrupted_with_a_motion_is_the_last(monkeypatch):
     assert (found.had.tilt, found.plans, found.interrupted) == (pytest.approx(0.0075), 1, True)
 
 
+@pytest.mark.slow
 def test_where_ends_cannot_have_it_at_rest_bisection_begins_with_what_they_can(monkeypatch):
     task = experiment_task("H", "effective")
     task = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))

@@ -158,6 +158,7 @@ def test_the_result_tells_what_was_done(task, plan):
     assert calls == [(0, 2, None), (1, 2, None), (2, 2, plan.energy)]  # one start alone is not changed
 
 
+@pytest.mark.slow
 def test_the_same_plan_from_a_thread(task, plan):
     with ThreadPoolExecutor(1) as pool:
         assert_same(plan[0], plan_motion(task, starts=1, executor=pool))
@@ -170,7 +171,6 @@ def test_the_same_plan_from_another_process(task, plan, process_pool):
     assert process_pool.submit(os.getpid).result() != os.getpid()
 
 
-@pytest.mark.slow
 def test_the_same_plan_from_a_dask_client(task, plan):
     distributed = pytest.importorskip("distributed")
     cluster = {"processes": False, "n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0"}
@@ -386,6 +386,7 @@ def test_hops_go_on_from_the_best(case_b, scripted):
     assert costs == sorted(costs, reverse=True)
 
 
+@pytest.mark.slow
 def test_a_hop_begins_from_the_best_of_those_that_were_known_when_it_was_begun(case_b, scripted):
     """However many run at the same time: those of the `HOPS` before it are not."""
     motions = [case_b.reference.time_scaled(factor) for factor in (1.6, 1.5, 1.4, 1.3, 1.25, 1.2)]

@@ -437,7 +437,7 @@ axes = "base"
 """
 
 
-def test_files_of_forces(tmp_path, capsys):
+def test_files_of_forces(tmp_path, capsys, without_robustness):
     (tmp_path / "force.csv").write_text("share,fz_N,mx_Nm\n0,0,0\n0.5,-3,0.1\n1,0,0\n")
     path = tmp_path / "task.toml"
     path.write_text(CHECKED)

@@ -106,6 +106,7 @@ def test_nested_limits_end_with_the_outermost():
         assert numbers() == before
 
 
+@pytest.mark.slow
 def test_commands_and_what_is_tolerated_run_on_one_thread(root, monkeypatch, capsys):
     """A matrix exponential of 30 rows on four threads of a busy machine takes a hundred times as long."""
     seen = []

@@ -82,6 +82,7 @@ def test_a_delta_moves_as_rigid_bodies(tmp_path, few_frames):
     assert "http" not in page
 
 
+@pytest.mark.slow
 def test_indices_along_a_motion_of_a_closed_chain(tmp_path, few_frames):
     rows = ["time_s,q1_m,q2_m,q3_deg", "0,0,0,0", "0.1,0.02,0.01,5", "0.2,0.04,0.02,10"]
     (tmp_path / "motion.csv").write_text("\n".join(rows))

@@ -328,6 +328,7 @@ def test_many_joints_without_limits_can_be_drawn(monkeypatch):
         check_texts(name, figure)
 
 
+@pytest.mark.slow
 def test_files_are_pictures_and_complete(tmp_path, monkeypatch, free):
     plan, samples, _ = free
     monkeypatch.setattr(motion_plots, "FIGURES", {n: motion_plots.FIGURES[n] for n in ("ground", "drives")})
@@ -353,6 +354,7 @@ def test_files_are_pictures_and_complete(tmp_path, monkeypatch, free):
     assert len(list((tmp_path / "out").iterdir())) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("feet", some(1, [False, True]))
 def test_vibration_and_forces_with_gears_that_give(feet):
     plan = stand_in_plan("A", reference=False)

@@ -161,6 +161,7 @@ def test_waypoints_have_the_base_in_front(task, tmp_path):
         load_path(tmp_path / "some.toml", task)
 
 
+@pytest.mark.slow
 def test_samples_of_base_and_arm_have_columns_of_both(task, tmp_path):
     t = np.linspace(0, 2, 81)
     share = (1 - np.cos(np.pi * t / 2)) / 2

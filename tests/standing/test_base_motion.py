@@ -131,6 +131,7 @@ def test_a_base_that_starts_to_turn_needs_its_moment_of_inertia_from_friction():
     np.testing.assert_allclose(wrench[0], [0, 0, -41 * G, 0, 0, -6.0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_worst_of_a_moving_base_is_that_at_rest_where_it_does_not_move(cart):
     q = load_task(EXAMPLES / "tasks" / "ur5_cart.toml").start
     tolerance = dataclasses.replace(WORKSHOP, base_push=5.0, center_of_mass=[0.01, 0.02, 0.0])

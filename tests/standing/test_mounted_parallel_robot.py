@@ -85,6 +85,7 @@ def test_loads_are_those_of_searched_joints():
             np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_load_on_the_platform_reaches_the_base():
     robot, load = ParallelRobot(ups6()), np.array([30.0, -20.0, 50.0, 4.0, -5.0, 6.0])
     z, still = robot.description.home[None] + 0.03, np.zeros((1, 6))

@@ -101,6 +101,7 @@ def many_lines(path):
         lines.append({"k": k, "text": "x" * 500})
 
 
+@pytest.mark.slow
 def test_many_writers_lose_no_line(tmp_path):
     pytest.importorskip("fcntl")
     path = tmp_path / "lines.jsonl"

@@ -133,6 +133,7 @@ def test_other_settings_need_another_folder(short, capsys):
     assert "other settings" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_slowing_finds_the_least_factor_that_is_verified():
     task = experiment_task("B", BASE)
     motion = task.reference.time_scaled(0.9)

@@ -132,6 +132,7 @@ def swing():
     return PlacementProblem(robot, tasks, plane((0.03, 0.0)), weights=Weights(0.3, 0.3, 0.0, 0.4))
 
 
+@pytest.mark.slow
 def test_shortest_way_keeps_poses_and_constraints(swing):
     placement = place(swing, starts=1).best
     evaluator = Evaluator(swing)

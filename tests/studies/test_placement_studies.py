@@ -137,6 +137,7 @@ def test_planar_minima():
     assert second["angles_deg"][1] == pytest.approx(10, abs=0.01)  # the elbow's limit holds it
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", some(1, [1, 2]))
 def test_random_tasks_are_the_same_for_a_seed(number):
     one, two = (placement_brute_force.random_problem(3, number) for _ in range(2))

@@ -34,6 +34,7 @@ def test_worlds_are_within_the_tolerance(corner):
         assert {late for world in worlds for late in world.late} == {0.0, 0.010}
 
 
+@pytest.mark.slow
 def test_worst_worlds_are_the_tolerance_and_beyond():
     task = experiment_task("A")
     robot, motion = task.robot, task.reference
@@ -47,6 +48,7 @@ def test_worst_worlds_are_the_tolerance_and_beyond():
     assert max(world.late) in (0.0, pytest.approx(0.011))
 
 
+@pytest.mark.slow
 def test_worlds_of_objects_are_corners_and_their_worst_ones():
     robot = load_task(EXAMPLES / "tasks" / "ur5_cart.toml").robot.carrying(arrangements()["stack of two"])
     world = random_world(robot, UNCERTAINTY, np.random.default_rng(0), corner=True)

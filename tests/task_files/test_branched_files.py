@@ -80,6 +80,7 @@ def test_inner_loops(text, robots):
     assert (forces.generalized - lumped.generalized) @ zd == pytest.approx(power, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_command(capsys, root, tmp_path):
     path = str(root / "src/ocptip/examples/robots" / NAME)
     assert main(["parallel", path, "--json"]) == 0

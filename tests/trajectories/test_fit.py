@@ -165,7 +165,7 @@ def test_joints_that_rest_stay_where_they_are():
     assert motion.acceleration_peaks[1] == 0
 
 
-@pytest.mark.parametrize(("sigma", "digits"), some(1, [(0.0, 5), (3e-4, 6)]))
+@pytest.mark.parametrize(("sigma", "digits"), some(1, [(3e-4, 6), (0.0, 5)]))
 def test_a_rest_on_the_way_is_a_rest_and_the_motions_beside_it_are_as_calm(sigma, digits):
     rng, pause = np.random.default_rng(2), 0.4
     times = np.arange(0, 2 * RAMP.end + pause + 0.005, 0.01)

@@ -78,6 +78,7 @@ def test_samples_that_are_missing_are_a_finding(written, tmp_path, capsys, lost,
         assert text.format(n=count) in out
 
 
+@pytest.mark.slow
 def test_a_sensor_with_a_rate_of_its_own(written, tmp_path, capsys):
     """Joints and torques at 100 Hz, the sensor at 500 Hz, in lines of their own: nothing is missing."""
     recording = recorded(1)
@@ -114,6 +115,7 @@ def test_columns_without_any_number_are_missing(written, tmp_path, capsys):
     assert "AGREES" not in out
 
 
+@pytest.mark.slow
 def test_columns_in_a_file(written, tmp_path, capsys):
     path = tmp_path / "r.csv"
     write(path, recorded(1))

@@ -55,6 +55,7 @@ def test_a_payload_and_its_tolerance_are_written(written, recording, tmp_path, c
     assert tomllib.loads(out.read_text())["payload"]["mass"] == payload.mass
 
 
+@pytest.mark.slow
 def test_json_has_covariances(written, recording, capsys):
     assert main(["identify", "payload", recording, str(written), "--json"]) == 0
     data = json.loads(capsys.readouterr().out)

@@ -186,6 +186,7 @@ def test_robot_with_code_of_complete_legs(capsys, monkeypatch, tmp_path):
     assert "int tau_a(const" in (tmp_path / "x.h").read_text()
 
 
+@pytest.mark.slow
 def test_friction_behind_coupling_points_is_in_the_code(capsys, monkeypatch):
     import dataclasses
 
@@ -244,12 +245,15 @@ def test_workspace_with_ranges_and_its_figure(tmp_path):
 
 @pytest.mark.parametrize(
     ("arguments", "why"),
-    [
-        (["--workspace", "x"], "--workspace: expected NAME=LOW:HIGH"),
-        (["--workspace", "x=0:1", "--at", "0"], "--at: expected x, y, phi3"),
-        (["--workspace", "x=0:1", "--range", "9", "0", "1"], "--range: no leg has a joint 9"),
-        (["--range", "1", "2", "1"], "--range: range: expected the smallest"),
-    ],
+    some(
+        2,
+        [
+            (["--workspace", "x"], "--workspace: expected NAME=LOW:HIGH"),
+            (["--workspace", "x=0:1", "--at", "0"], "--at: expected x, y, phi3"),
+            (["--workspace", "x=0:1", "--range", "9", "0", "1"], "--range: no leg has a joint 9"),
+            (["--range", "1", "2", "1"], "--range: range: expected the smallest"),
+        ],
+    ),
 )
 def test_workspace_refusals(capsys, arguments, why):
     assert main(["parallel", "3RRR", *arguments]) == 2

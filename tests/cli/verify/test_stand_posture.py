@@ -103,12 +103,12 @@ def test_a_posture_that_tips_the_base_or_breaks_limits(capsys, tmp_path):
     (tmp_path / "ur5.urdf").write_bytes((EXAMPLES / "tasks/ur5.urdf").read_bytes())
     light = tmp_path / "light.toml"
     light.write_text(text, encoding="utf-8")
-    code, data = answered(capsys, "--posture", "0,0,0,0,0,0", task=light)
+    code, data = answered(capsys, "--posture", "0,0,0,0,0,0", "--tolerance", "none", task=light)
     assert code == 1
     assert not data["persistent"]
-    assert main(["stand", str(light), "--posture", "-400,0,0,0,0,0"]) == 1
+    assert main(["stand", str(light), "--posture", "-400,0,0,0,0,0", "--tolerance", "none"]) == 1
     assert ", AND THE ARM CANNOT REST THERE." in " ".join(capsys.readouterr().out.split())
-    assert main(["stand", str(TASK), "--posture", "400,-10,0,0,0,0"]) == 1
+    assert main(["stand", str(TASK), "--posture", "400,-10,0,0,0,0", "--tolerance", "none"]) == 1
     text = capsys.readouterr().out
     assert "in the given posture   STABLE" in text
     assert ", BUT THE ARM CANNOT REST THERE." in " ".join(text.split())

@@ -131,6 +131,7 @@ def test_a_gripper_that_may_be_turned_is(with_pose, tmp_path):
     assert free[1].residuals(task.robot.arm, moved.postures[1][None])[0] < 1e-8
 
 
+@pytest.mark.slow
 def test_ways_as_they_are_stay_among_those_that_are_planned(with_pose, tmp_path):
     task = load_cycle(written(tmp_path, with_pose(FREE)))
     layers = layers_of(task)

@@ -103,6 +103,7 @@ def test_directions_are_the_signs_of_the_speeds(name, seed):
     np.testing.assert_array_equal(order.directions[inside][moving], np.sign(speeds[moving]))
 
 
+@pytest.mark.slow
 @examples(25)
 @given(name=NAMES, seed=SEEDS)
 def test_corner_positions_are_those_of_the_times(name, seed):
@@ -119,6 +120,7 @@ def test_corner_positions_are_those_of_the_times(name, seed):
             )
 
 
+@pytest.mark.slow
 @examples(25)
 @given(name=NAMES, seed=SEEDS, merge=st.sampled_from([0.01, 0.05, 0.2]))
 def test_merged_events_are_near_each_other_and_of_different_joints(name, seed, merge):

@@ -24,7 +24,7 @@ from ocptip.standing.arm import Robot
 from ocptip.trajectories.pieces import MERGE
 from tests.quick import some
 
-SEEDS = (1, 4, 9)
+SEEDS = some(1, [1, 4, 9])
 
 
 def geared_task(heights=(0.0, 0.0, 0.0)):

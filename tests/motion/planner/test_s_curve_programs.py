@@ -179,6 +179,7 @@ def test_short_rise_times_are_next_to_ramps():
     assert curves.check.energy == pytest.approx(ramps.check.energy, rel=0.02)
 
 
+@pytest.mark.slow
 def test_durations_include_the_rise():
     task = experiment_task("A")
     limits = replace(task.limits, min_duration=2.0, max_duration=2.0)

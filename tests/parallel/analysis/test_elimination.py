@@ -52,6 +52,7 @@ def test_home_out_of_reach_falls_back_to_the_natural_order():
     assert elimination_order(dataclasses.replace(robot, legs=far)) == (0, 1, 2, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some(1, ["4PRRR", "6UPS"]))
 def test_forces_at_home(name):
     robot = READY_MADE[name]()

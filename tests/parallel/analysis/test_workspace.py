@@ -63,6 +63,7 @@ def test_planar_workspace_is_an_intersection_of_rings() -> None:
     assert 0.05 < inside.mean() < 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("make", "joint", "span"), some(1, [(rrr3, 1, (0.2, 2.2)), (delta, 1, (1.2, 1.9))]))
 def test_both_ways_agree(make, joint, span, monkeypatch):
     robot = ParallelRobot(make().with_joint_ranges({joint: span}))

@@ -190,6 +190,7 @@ def test_what_has_no_text_is_refused(write):
         write([cs.Function("f", [x], [cs.erf(x)])])
 
 
+@pytest.mark.slow
 def test_the_command_writes_it(tmp_path, capsys):
     target = tmp_path / "robot.m"
     assert main(["parallel", "3RPR", "--matlab", str(target)]) == 0

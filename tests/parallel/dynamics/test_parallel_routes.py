@@ -76,6 +76,7 @@ def test_published_example(route):
             np.testing.assert_allclose(forces.motors, expected[t], atol=6e-5)
 
 
+@pytest.mark.slow
 def test_parallelogram_delta_is_the_lumped_one():
     lumped, rods = ParallelRobot(delta()), ParallelRobot(rod_delta())
     assert rods.complete_legs
@@ -122,6 +123,7 @@ def test_redundant_actuation_takes_the_smallest_forces():
     assert abs(null @ forces.motors) < 1e-10 * np.linalg.norm(forces.motors)
 
 
+@pytest.mark.slow
 def test_friction_and_drive_inertia_by_every_route():
     import dataclasses
 

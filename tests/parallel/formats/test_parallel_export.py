@@ -298,6 +298,7 @@ def test_targets_are_checked(tmp_path):
         file_target(tmp_path / "none" / "robot.urdf", (".urdf",))
 
 
+@pytest.mark.slow
 def test_command_writes_models(capsys, root, tmp_path):
     urdf, mjcf = tmp_path / "delta.urdf", tmp_path / "delta.xml"
     example = str(root / "src/ocptip/examples/robots" / "delta_parallelograms.toml")

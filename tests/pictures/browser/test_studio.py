@@ -159,6 +159,7 @@ def page(studio):
         yield found
 
 
+@pytest.mark.slow
 def test_sliders_of_the_page(studio, page):
     page.sliders["payload"].value = 2.0
     assert page.idle.wait(60)
@@ -181,6 +182,7 @@ def test_sliders_of_the_page(studio, page):
     assert "cannot be reached" not in page.message.content
 
 
+@pytest.mark.slow
 def test_a_second_plan_plays_beside_the_first(studio, monkeypatch):
     """The second one as the arm of the page, the first as a ghost, until both have ended."""
     robot, start = studio.study.robot, studio.task.start

@@ -199,6 +199,7 @@ def test_a_second_motion_is_a_ghost_with_a_clock_of_its_own():
     assert f"tipping margin {still:.3g} N m, friction used " in stage.nodes["/clock"].text
 
 
+@pytest.mark.slow
 def test_a_second_base_stands_where_it_is(tmp_path, capsys):
     """Two plans of `ocptip cell`: their files say where in the world each base stands."""
     task = experiment_task("A")

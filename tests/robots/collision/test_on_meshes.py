@@ -141,6 +141,7 @@ def grooved():
     )
 
 
+@pytest.mark.slow
 def test_a_start_within_a_groove_gets_more_solids(folder):
     """No single cut opens the groove, so few solids span it; those of the task's start do not."""
     write_stl(folder / "torso.stl", *grooved())

@@ -80,6 +80,7 @@ def test_the_torque_by_hand_with_one_luffing_joint():
     assert (found.levels <= by_torque * (1 + 1e-9)).all()
 
 
+@pytest.mark.slow
 def test_torques_of_pinocchio_are_at_their_limits(kit):
     robot, _, limits = kit
     q = random_postures(robot.arm, 12)

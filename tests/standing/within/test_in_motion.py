@@ -119,6 +119,7 @@ def test_motions_with_objects_keep_a_small_tolerance_as_a_whole():
     assert tolerable(robot, Trajectory.from_profiles(task.start, ramps), limits) == 1.0
 
 
+@pytest.mark.slow
 def test_verified_only_if_the_worst_case_is(task):
     motion = slow(task, 3.0)
     loose = dataclasses.replace(task.limits, tolerance=Uncertainty(tilt=np.radians(0.5)))
@@ -193,6 +194,7 @@ def test_the_last_of_two_near_jumps_overshoots_alone(close_jumps):
     assert found.tip.value >= float(cases.tip_ratio(least)) > 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", some(1, range(4)))
 def test_no_admissible_delays_are_worse_than_the_check_says(close_jumps, seed):
     """Random motions with jumps close together; every joint late and overshooting by itself."""

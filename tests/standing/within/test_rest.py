@@ -208,6 +208,7 @@ friction = 0.6
 """
 
 
+@pytest.mark.slow
 def test_the_command_judges_the_worst_of_a_tolerance(tmp_path, capsys):
     path = tmp_path / "scene.toml"
     path.write_text(SCENE + "[tolerance]\ntilt_deg = 1.0\n")

@@ -17,6 +17,7 @@ def one_plan(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_one_plan_as_ramps_and_by_controllers(one_plan, capsys):
     none, out = str(one_plan), str(one_plan / "out")
     assert study.main(["--plans", f"{none}/plans", "--replayed", none, "--out", out]) == 0

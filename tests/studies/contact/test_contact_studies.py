@@ -221,6 +221,7 @@ def test_reserve_timing(monkeypatch, capsys):
     assert [row.split()[0] for row in rows] == ["3", "4", "6", "8"]
 
 
+@pytest.mark.slow
 def test_verdicts_study_finds_no_contradiction(tmp_path, capsys):
     options = ["--stands", "1", "--checked", "4", "--feet", "4"]
     assert contact_verdicts.main(["--out", str(tmp_path), *options]) == 0

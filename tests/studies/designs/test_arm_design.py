@@ -54,6 +54,7 @@ def isotropic_arm(radius):
     )
 
 
+@pytest.mark.slow
 def test_best_pose_finds_the_isotropic_pose():
     arm = isotropic_arm(0.3)
     found = best_arm_pose(arm, "inv_cdn_oe", ellipsoid=OperationEllipsoid.sphere(0.3), starts=4)

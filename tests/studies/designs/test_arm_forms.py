@@ -192,6 +192,7 @@ def place(arm, block, start):
     return np.array(result["x"]).ravel()[: arm.model.n]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some(1, ["FP1W2F", "IRB2000", "FSFS", "W1P1P2W2"]))
 def test_placement_with_an_index_as_constraint(name):
     arm = DesignArm.of(arm_by_name(name))

@@ -31,6 +31,7 @@ def test_a_designed_arm_has_an_isotropic_pose_in_its_range(tool, seed):
     assert operation_indices(pose.jacobian, tool, pose.rotation, pose.position).pi_oe == pytest.approx(1)
 
 
+@pytest.mark.slow
 def test_an_operation_point_on_the_last_axis_admits_no_isotropic_pose():
     """[Naw07] 3.4.1: all axes are equally far from the operation point of an isotropic pose."""
     upper = UPPER.copy()

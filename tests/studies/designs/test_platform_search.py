@@ -42,6 +42,7 @@ def test_search_finds_control_number_one_in_six_dimensions():
     assert best.value > 0.999
 
 
+@pytest.mark.slow
 def test_search_stays_in_its_box():
     design = FlightSimulator.optimal()
     best = best_pose(

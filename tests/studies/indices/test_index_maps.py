@@ -22,6 +22,7 @@ def branches_of(model, position, rotation):
     return found[np.isfinite(found).all(axis=1)]
 
 
+@pytest.mark.slow
 def test_joint_plane_holds_the_published_values():
     fixed = np.radians([0, 0, 0, 0, 60, 0])
     maps = index_maps.joint_plane(arm_by_name("IRB2000"), (2, 3), fixed, 211, SPHERE)

@@ -60,6 +60,7 @@ def closed(robot, state) -> np.ndarray:
     return np.column_stack(columns)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", some(1, KIND_NAMES))
 def test_geometry(kind):
     state = random_state(kind, 2)

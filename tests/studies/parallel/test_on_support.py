@@ -41,6 +41,7 @@ def test_faster_than_that_is_not_allowed_and_slower_is(small):
     assert not np.all(solve_many(case.robot.support, found.at(0.5 * duration)).persistent)
 
 
+@pytest.mark.slow
 def test_scaling_of_the_wrench_is_exact():
     case = study.cases()[1]
     found = study.wrenches(case, 0.7, 5)
