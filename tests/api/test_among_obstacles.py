@@ -133,6 +133,7 @@ def test_when_the_time_is_up_there_is_a_plan_or_the_reason(tmp_path):
         ocptip.plan(task_file(tmp_path), seconds=1e-3)
 
 
+@pytest.mark.slow
 def test_where_the_time_is_limited_a_path_goes_before_or_follows_the_direct_search(tmp_path, monkeypatch):
     def too_slow():
         raise TimeIsUpError
@@ -154,6 +155,7 @@ def test_where_the_time_is_limited_a_path_goes_before_or_follows_the_direct_sear
     assert said[1:] == ["searching and timing a path ..."]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rise_times", "compared"), [(None, True), ((0.02,), False)])
 def test_a_plan_for_cancels_is_compared_with_the_straight_line(monkeypatch, rise_times, compared):
     """Not with S-curves, which a timing has not, nor without cancels."""

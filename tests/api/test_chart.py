@@ -59,6 +59,7 @@ def test_reaches_are_those_of_postures(chart):
         assert sure <= best
 
 
+@pytest.mark.slow
 def test_the_figure_has_the_reaches_and_no_label_lies_on_another(chart):
     cells, feet = chart.cells(azimuth=False), np.array([[0.3, 0.3, 0], [0.3, -0.3, 0], [-0.4, 0, 0]])
     figure = chart_figure(("task", "payload", "kg", ""), chart.edges, cells, chart.reaches, feet)
@@ -141,6 +142,7 @@ def test_bad_values_are_named_as_typed(tmp_path, capsys, options, message):
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_parallel_robot_has_no_chart():
     with pytest.raises(ocptip.InputError, match="load charts are for arms"):
         ocptip.chart(EXAMPLES / "tasks/delta_cart.toml", samples=5)

@@ -122,8 +122,9 @@ def test_reverse_is_allowed_only_where_the_same_limits_hold_backwards(tmp_path, 
     assert ("reverse: as fast as forward" in found.to_yaml()) == heavy
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "good"), [(0.99, True), (1.01, False)])
-def test_a_check_of_the_same_braking_says_the_same(envelope, share, good):
+def test_a_check_of_the_same_braking_says_the_same(envelope, without_robustness, share, good):
     """Within an uncertainty whose acceleration steps overshoot; contacts alone count."""
     words = f"2 m, 1 m/s, {share * envelope.limit('brake')} m/s^2"
     task = ocptip.load_task(TASK, GN=0.9999, GT=0.9999)

@@ -20,6 +20,7 @@ def typed(capsys, *arguments):
     return code, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", some(1, [PUSHED, str(PUSHED), ocptip.read_scene(PUSHED)]))
 def test_a_scene_has_the_answer_of_the_command(given, capsys, tmp_path):
     code, expected = typed(capsys, PUSHED)

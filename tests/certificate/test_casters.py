@@ -82,6 +82,7 @@ def _bounds(friction, more, limits):
     return checked.certificate.verdict.bounds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", some(1, [True, False]))
 def test_motions_on_casters_are_proved_as_with_a_little_friction(more):
     """Before, rounding errors at the casters decided."""

@@ -445,6 +445,7 @@ def test_wrong_command_line_is_one_line(capsys, arguments):
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_plot_replaces_a_file_only_when_complete(capsys, scene_file, tmp_path, monkeypatch):
     from matplotlib.figure import Figure
 

@@ -248,6 +248,7 @@ def test_lists_of_hashes_of_strangers(plan, capfd, line, said):
     assert "\x1b" not in err
 
 
+@pytest.mark.slow
 def test_a_file_of_a_line_end_in_its_name(plan, capfd, tmp_path):
     """The copy in the plan's folder has a name that a list of hashes can hold."""
     (plan / "task" / "ur5.urdf").rename(tmp_path / "a\nb.urdf")

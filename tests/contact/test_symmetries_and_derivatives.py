@@ -107,7 +107,7 @@ def test_a_mirrored_load_gives_the_mirrored_motion():
 
 @every_kind
 @every_space
-@pytest.mark.parametrize("n_clamps", some(8, [1, 2]))
+@pytest.mark.parametrize("n_clamps", some(1, [1, 2]))
 def test_maps_are_the_derivatives_where_no_mode_changes(kind, planar, n_clamps):
     support = mixed(kind, planar=planar, n_clamps=n_clamps)
     loads = disturbed_weight(np.random.default_rng(21), support, 40, force=400.0)

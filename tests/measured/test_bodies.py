@@ -76,7 +76,7 @@ def test_a_payload_is_found_within_a_percent_and_its_intervals_hold():
     robot = predictor().robot
     robot = robot.varied(arm=robot.arm.with_payload(HELD))
     inside = []
-    for seed in range(8 if THOROUGH else 4):
+    for seed in range(8 if THOROUGH else 2):
         found = identify_bodies(recorded(seed, robot=robot), predictor(), bandwidth=np.inf)
         body = found.bodies[0]
         away = np.append(body.mass - HELD.mass, body.center - HELD.center_of_mass)

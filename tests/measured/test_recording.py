@@ -101,6 +101,7 @@ def test_bad_lines(tmp_path):
     assert read(tmp_path, "time_s,q1", unit="deg").signals[0].values[0] == pytest.approx(np.radians(1))
 
 
+@pytest.mark.slow
 def test_switches_keep_all_samples_of_the_file(tmp_path):
     rate, count = 2000.0, 4 * MOST
     lines = ["time_s,q1_deg,contact1,contact2_V,contact3,contact9"]

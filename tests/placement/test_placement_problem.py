@@ -30,7 +30,7 @@ from tests.placement.placement_scenes import (
 from tests.quick import some
 
 
-@pytest.mark.parametrize("half_angle", some(2, [0.3, np.pi, 0.02, 0.61, 1.5, 2.0]))
+@pytest.mark.parametrize("half_angle", some(1, [0.3, np.pi, 0.02, 0.61, 1.5, 2.0]))
 @pytest.mark.parametrize("count", some(2, [None, 7, 4, 40]))
 def test_sampled_loads_enclose_a_cone(half_angle, count):
     loads = sampled_loads(20.0, count, axis=[0, -2.0, 0], half_angle=half_angle)

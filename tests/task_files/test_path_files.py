@@ -117,9 +117,10 @@ def test_segments_of_a_cycle_have_paths_of_their_own(tmp_path: Path) -> None:
         ('between = "curves"\n' + Q.format(FIRST) * 2, "between"),
         ("path_tolerance = -1\n" + Q.format(FIRST) * 2, "path_tolerance"),
         (POSE.format("0.3, 0.5, 0.9") + POSE.format("1.5, 0.5, 0.9"), r"waypoint\[2\].at_pose.*cannot reach"),
-        (
+        pytest.param(
             'between = "tool lines"\n' + POSE.format("0.3, 0.5, 0.9") + POSE.format("-0.3, -0.5, 0.9"),
             r"path\.toml: waypoint: line from pose 1 to 2, at \d+ % of it",
+            marks=pytest.mark.slow,
         ),
         ('between = "tool lines"\n' + Q.format(FIRST) * 2, "only the first may be joint positions"),
         ("[motion]\n", "is a motion task"),

@@ -96,9 +96,10 @@ def test_the_first_posture_that_can_follow_is_taken() -> None:
     [
         (POSES[:1], "at least two are needed for a path, got 1"),
         ([POSES[0], POSES[0]], "at least two are needed for a path, got 1 that differ"),
-        (
+        pytest.param(
             [POSES[0], PoseTarget(np.array([1.5, 0.5, 0.9]), DOWN)],
             r"line from pose 1 to 2, at \d+ % .*cannot reach",
+            marks=pytest.mark.slow,
         ),
         ([PoseTarget(POINTS[0], DOWN, "z", 2), POSES[1]], "fold: not on tool lines"),
     ],

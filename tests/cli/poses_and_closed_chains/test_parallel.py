@@ -25,6 +25,7 @@ def said(*arguments):
     return printed.getvalue()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some(1, ["3rpr", "Delta", "3RRR", "4prrr", "6ups"]))
 def test_ready_made_robots(name):
     report = json.loads(said(name, "--json"))

@@ -163,6 +163,7 @@ def test_missing_meshes_are_said(tmp_path, monkeypatch, capsys, meshes, mark, ke
             load_task("ur5_with_collision.toml")
 
 
+@pytest.mark.slow
 def test_meshes_are_found_by_the_end_of_their_path(tmp_path, monkeypatch, capsys):
     """The package has another name here; its folder is beside the URDF, or given."""
     monkeypatch.chdir(tmp_path)

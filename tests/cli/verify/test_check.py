@@ -17,6 +17,7 @@ from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
 from tests.places import EXAMPLES
 
+pytestmark = pytest.mark.usefixtures("without_robustness")
 PLAIN = ("--tolerance", "none")
 
 

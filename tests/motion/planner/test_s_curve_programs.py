@@ -83,7 +83,7 @@ def test_directions_are_the_signs_of_the_speeds(seed, kind):
     np.testing.assert_array_equal(order.directions[inside][moving], np.sign(speeds[moving]))
 
 
-@pytest.mark.parametrize("merge", some(2, [0.0, 0.004]))
+@pytest.mark.parametrize("merge", some(1, [0.004, 0.0]))
 @pytest.mark.parametrize("kind", sorted(RISES))
 @pytest.mark.parametrize("seed", some(1, [1, 4]))
 def test_the_exact_program_is_the_motion_at_its_nodes(seed, kind, merge):

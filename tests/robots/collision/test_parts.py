@@ -25,8 +25,10 @@ def disc(count):
 TURN = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
 
 
-@pytest.mark.parametrize("turn", some(2, [np.eye(3), TURN]), ids=["upright", "turned"])
-@pytest.mark.parametrize("points", [cone(300), cone(1000), disc(700)], ids=["cone", "fine cone", "disc"])
+@pytest.mark.parametrize("turn", some(1, [TURN, np.eye(3)]), ids=["turned", "upright"])
+@pytest.mark.parametrize(
+    "points", some(1, [cone(300), cone(1000), disc(700)]), ids=["cone", "fine cone", "disc"]
+)
 def test_corners_with_hundreds_of_neighbours_are_thinned_out(points, turn):
     points = points @ turn
     with pytest.raises(RuntimeError, match="neighbors"):  # coal's; without it thinning out is not needed

@@ -70,8 +70,8 @@ def test_any_pose_is_reproduced_singular_ones_included(name, angles):
     assert (gaps[~np.eye(len(gaps), dtype=bool)] > 1e-6).all()
 
 
-@pytest.mark.parametrize("name", some(8, CLOSED))
-@pytest.mark.parametrize("distance", [0.0, 1e-9, 1e-8, 1e-7, 1e-5, 1e-3])
+@pytest.mark.parametrize("name", some(2, CLOSED))
+@pytest.mark.parametrize("distance", some(3, [0.0, 1e-7, 1e-5, 1e-9, 1e-8, 1e-3]))
 def test_poses_next_to_singular_ones_are_not_called_unreachable(name, distance):
     model = CLOSED[name]
     rng = np.random.default_rng(8)

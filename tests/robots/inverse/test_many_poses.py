@@ -12,6 +12,7 @@ from ocptip.robots.inverse.pose_search import search
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.urdf.arm import arm_from_urdf
 from tests.places import UR5
+from tests.quick import some
 
 
 def random_angles(arm, count, seed=0):
@@ -19,7 +20,7 @@ def random_angles(arm, count, seed=0):
     return low + np.random.default_rng(seed).random((count, arm.n)) * (high - low)
 
 
-@pytest.fixture(scope="module", params=["FP1W2F", "FSFS", "W1P1P2W2", "ur5"])
+@pytest.fixture(scope="module", params=some(2, ["FP1W2F", "ur5", "FSFS", "W1P1P2W2"]))
 def arm(request):
     if request.param == "ur5":
         return arm_from_urdf(UR5, base_link="base_link", tool_frame="tool0")

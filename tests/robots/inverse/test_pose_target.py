@@ -91,7 +91,7 @@ def test_what_is_no_symmetry_is_refused(symmetry, message):
 
 
 @pytest.mark.parametrize("symmetry", some(2, [{}, {"symmetric_about": "z"}]))
-@pytest.mark.parametrize("joints", [6, 7])
+@pytest.mark.parametrize("joints", some(1, [6, 7]))
 def test_poses_out_of_reach_are_refused(symmetry, joints):
     arm = SIX if joints == 6 else random_arm(5, 7)
     with pytest.raises(InputError, match="pose: "):

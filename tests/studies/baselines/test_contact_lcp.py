@@ -148,6 +148,7 @@ def test_formulations_agree_on_three_feet(facets):
     assert 10 < moves.sum() < 90
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("facets", [4, 5])
 def test_formulations_agree_with_exact_arithmetic(facets):
     arguments = standing_platform(3, facets=facets)

@@ -99,6 +99,7 @@ def test_published_maximum_of_the_manipulability():
     assert found.to_dict()["q"] == found.q.tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "index"), some(1, [("FP1W2F", "inv_cdn_oe"), ("FSFS", "pi_oe")]))
 def test_best_pose_beats_many_samples(name, index):
     arm = arm_by_name(name)

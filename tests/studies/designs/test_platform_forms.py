@@ -83,6 +83,7 @@ def test_sigmas_are_where_their_matrices_stop_being_positive(seed):
             assert (pivots.min() > 0) == holds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("method", "p", "upper"),
     [("lifted", 8, 0.3001), ("ldl", 8, 0.3001), ("trace", 4, 0.33), ("trace", 8, 0.31)],

@@ -114,6 +114,7 @@ def test_passive_wrists_follow_their_ramp(task):
         np.testing.assert_allclose(x[:, 3:], y[:, 3:], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_assembled_derivatives(task):
     """Jacobian and Hessian put together from the intervals', against central differences."""
     case, robot = task
