@@ -57,34 +57,6 @@ def pytest_collection_modifyitems(items):
     items[:] = [*others[:middle], *light, *others[middle:]]
 
 
-LONG = 5.0
-"""CPU seconds of a test above which it is to be marked slow, or made shorter."""
-
-long_tests: list[tuple[float, str]] = []
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_call(item):
-    """Note the CPU time of the test and of processes that it ended."""
-    before = sum(os.times()[:4])
-    try:
-        return (yield)
-    finally:
-        item.user_properties.append(("CPU seconds", sum(os.times()[:4]) - before))
-
-
-def pytest_runtest_logreport(report):
-    seconds = dict(report.user_properties).get("CPU seconds", 0.0)
-    if report.when == "call" and seconds > LONG and "slow" not in report.keywords:
-        long_tests.append((seconds, report.nodeid))
-
-
-def pytest_terminal_summary(terminalreporter):
-    """List the tests that are too long for a quick run; where kernels were compiled first, run it again."""
-    for seconds, name in sorted(long_tests, reverse=True):
-        terminalreporter.write_line(f"LONG {name}: {seconds:.1f} s of CPU, mark it slow or shorten it")
-
-
 def pytest_collection_finish():
     """Thousands of collected tests are not looked through again whenever memory is tidied up."""
     gc.collect()

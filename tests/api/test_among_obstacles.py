@@ -73,6 +73,7 @@ def test_without_time_the_path_stays_as_it_is(plan):
     assert not rushed.planned.options["path"]["smoothed"]
 
 
+@pytest.mark.slow
 def test_the_method_follows_from_the_straight_line(tmp_path, monkeypatch):
     assert methods_for(task_among(tmp_path)) == ("path", "direct")
     assert methods_for(task_among(tmp_path, BESIDE)) == ("direct",)
@@ -169,6 +170,7 @@ def test_a_plan_for_cancels_is_compared_with_the_straight_line(monkeypatch, rise
     assert any("the straight line" in text for text in said) is compared
 
 
+@pytest.mark.slow
 def test_an_interrupt_while_the_straight_line_is_timed_keeps_the_plan(monkeypatch):
     def interrupted(plan):
         raise KeyboardInterrupt

@@ -25,6 +25,7 @@ def chart():
     return ocptip.chart(TASK, samples=600, levels=[0.0, 2.0, 4.0], uncertainty="none")
 
 
+@pytest.mark.slow
 def test_cells_hold_the_smallest_and_the_largest_payload_of_their_postures(chart):
     masses, places = chart.largest.levels, chart.places
     for use in ({}, {"azimuth": False}, {"height": False}):

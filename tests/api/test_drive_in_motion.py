@@ -42,6 +42,7 @@ def manoeuvres(robot):
     return found + dataclasses.replace(curve, square=square)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tolerance", some(1, [NONE, SPEEDS]))
 def test_the_envelope_is_that_of_the_worst_instant(task, motion, tolerance):
     robot, paths = task.robot, manoeuvres(task.robot)

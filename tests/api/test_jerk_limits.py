@@ -143,6 +143,7 @@ def test_the_jerk_of_s_curves_is_exact(tmp_path, factor):
         assert jerk_of(task, points).detail == worst.detail == "hip"
 
 
+@pytest.mark.slow
 def test_acceleration_steps_break_every_jerk_limit(tmp_path):
     task = load_task(limited(tmp_path, URDF))
     found = ocptip.check(task, profiles(task, 0.0))
@@ -167,6 +168,7 @@ def test_the_jerk_between_points_is_estimated_where_accelerations_step(tmp_path)
     assert "jerk / limit" in ocptip.check(task, motion).unproved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("noise", "seen"), some(1, [(1e-5, 0.1), (0.0, 0.5)]))
 def test_samples_have_at_least_the_jerk_that_their_differences_show(tmp_path, noise, seen):
     task = load_task(limited(tmp_path, URDF))

@@ -83,6 +83,7 @@ def test_other_cases_clamps_and_frictions(case):
     assert found.certified, (found.verdict, found.undecided)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("controller", some(1, ["cubic", "quintic", "linear"]))
 def test_what_controllers_run_is_certified(swing, controller):
     task, motion, _, _ = swing
@@ -293,6 +294,7 @@ def test_motions_broken_for_less_than_a_millisecond_are_not_certified(count, wit
     assert (found["certified"], found["named"], found["within"]) == (0, count, within)
 
 
+@pytest.mark.slow
 def test_feet_that_give_are_not_certified(swing):
     task, motion, checked, _ = swing
     own = task.robot.support
@@ -333,6 +335,7 @@ def test_casters_without_friction_cost_no_proof(swing, tolerance):
     assert found.verdict.bounds["GT"] == pytest.approx(bounds["GT"], rel=0.02)
 
 
+@pytest.mark.slow
 def test_forces_that_a_contact_without_friction_cannot_bear_prove_nothing(swing):
     """Wheels without friction, and tangential forces named for them as before."""
     task, motion, *_ = swing
@@ -373,6 +376,7 @@ def test_four_feet_that_two_of_them_could_bear_alone_are_proved_within_pushes(sw
     assert sampled * 0.999 <= found.verdict.bounds["GN_worst_case"] <= 1.01 * sampled
 
 
+@pytest.mark.slow
 def test_what_is_proved_of_four_feet_does_not_depend_on_what_is_searched_together(swing):
     places = [(0.3, 0.25), (0.3, -0.25), (-0.3, -0.25), (-0.3, 0.25)]
     feet = [UnilateralContact(position=[x, y, 0.0], friction=0.5) for x, y in places]

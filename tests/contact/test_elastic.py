@@ -244,6 +244,7 @@ def least_energy(stiffness, balance, load, lowest):
     return np.array(solution.x) if str(solution.status) == "Solved" else None
 
 
+@pytest.mark.slow
 def test_feet_beside_clamps_share_as_a_quadratic_program_says():
     """Clamps whose jaw yields let go at minus their preload, others never; some do in these samples."""
     rng, compared, let_go = np.random.default_rng(0), 0, 0

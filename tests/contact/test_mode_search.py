@@ -129,6 +129,7 @@ def test_what_pivoting_solves_the_search_solves_too(kind, planar):
             np.testing.assert_allclose(found.acceleration, pivoted.acceleration, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_random_solved_problems_are_never_declared_unsolvable():
     rng = np.random.default_rng(9)
     for i in range(12):

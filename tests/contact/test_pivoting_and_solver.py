@@ -89,6 +89,7 @@ def test_three_coplanar_feet_move_as_in_exact_arithmetic(facets):
             assert states.persistent[i] == (np.max(np.abs(oracle.acceleration)) < 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", some(1, [2, 4, 5]))
 def test_exact_solutions_and_ours_obey_the_same_laws(n):
     """Where the solution need not be unique: 120 problems, both are put into the independent check."""

@@ -151,6 +151,7 @@ def test_counterexamples_obey_the_laws_with_true_cones(n):
             assert not result.counterexample.persistent
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", some(1, ["scattered", "circle"]))
 def test_both_searches_on_cones_say_the_same(layout):
     """Triangles of the motion in the plane against arcs of sliding of each foot."""

@@ -247,6 +247,7 @@ def test_bad_wrenches_are_refused(function, wrench):
 # --------------------------------------------------------------------------------------- weak and strong
 
 
+@pytest.mark.slow
 def test_three_feet_on_a_plane_leave_no_doubt():
     """Pivoting, some solution stands, every solution stands: all three say the same."""
     seen = set()

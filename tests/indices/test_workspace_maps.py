@@ -42,6 +42,7 @@ def _determinant(model, q):
     return abs(np.linalg.det(np.array(columns)))
 
 
+@pytest.mark.slow
 def test_arms_have_the_best_of_all_branches():
     model = arm_by_name("IRB2000")
     found = index_maps(model, {"x": (0.5, 2.0), "ry": (-0.6, 0.6)}, pose=BENT, cells=[6, 5])

@@ -66,6 +66,7 @@ def test_samples_may_be_missing_and_times_may_be_twice(tmp_path):
     assert q.values[20] == pytest.approx(np.radians(77))
 
 
+@pytest.mark.slow
 def test_long_recordings_are_thinned(tmp_path):
     found = read(tmp_path, "time_s,q1_deg", rows=2 * MOST + 1)
     assert found.thinned == 3

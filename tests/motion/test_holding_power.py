@@ -73,6 +73,7 @@ def test_programs_have_it_in_their_cost(objective):
     assert costs[0] is objective
 
 
+@pytest.mark.slow
 def test_the_cheapest_timing_is_faster_where_holding_costs():
     """Of an arm whose timings are exact, DC motors: with a coarse grid."""
     task, path = of_case_c(), path_of_motion(plan_c()).path

@@ -320,6 +320,7 @@ def test_the_least_energy_among_the_verified_wins(case_b, scripted):
     assert energies == [*7 * [None], *4 * [plan.energy]]  # 1 and 3 promise more than 2
 
 
+@pytest.mark.slow
 def test_of_equals_the_first_wins_and_what_promises_less_is_left_out(case_b, scripted):
     slow = case_b.reference.time_scaled(1.3)
     scripted(*6 * [slow], promises={0: 2.0, 2: 0.7, 4: 0.5, 5: 0.6})
@@ -405,6 +406,7 @@ def test_a_hop_begins_from_the_best_of_those_that_were_known_when_it_was_begun(c
     assert ends == [*HOPS * [motions[0].end], *HOPS * [motions[1].end]]
 
 
+@pytest.mark.slow
 def test_the_first_hops_do_not_wait_for_the_least_promising_start(case_b, scripted):
     """They are of the better one of the two that promise most, whatever the third has come to."""
     slowed = [case_b.reference.time_scaled(factor) for factor in (1.3, 1.6, 1.2)]
@@ -679,6 +681,7 @@ def test_the_most_promising_starts_are_finished_three_at_a_time(case_b, scripted
     assert left_out == set(range(6)) - {*finished}
 
 
+@pytest.mark.slow
 def test_the_pair_of_postures_that_promises_the_least_cost_gets_the_other_starts(case_b, scripted):
     """Whatever is finished before all starts of all pairs have been looked at roughly."""
     pairs = [case_b, dataclasses.replace(case_b), dataclasses.replace(case_b)]

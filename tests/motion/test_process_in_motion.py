@@ -272,6 +272,7 @@ def varying(over, knots, axes="tool"):
     return ProcessWrench(*rng.normal(size=(2, len(knots), 3)) * 3, axes, over, knots)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", some(1, ["tool", "base"]))
 def test_a_process_over_time_is_at_every_instant_the_constant_one(axes):
     task, bare = case("A", axes)
@@ -308,6 +309,7 @@ def test_checks_and_energy_follow_what_varies():
     assert checked.verified
 
 
+@pytest.mark.slow
 def test_shares_and_ways_become_times():
     task, bare = case("B")
     motion = task.reference

@@ -95,6 +95,7 @@ def test_with_the_mass_that_drives_move_a_torque_is_at_its_limit(task, found):
     assert np.max(np.abs(torques) / heavy.limits.torque) == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_predictions_change_no_number(task, found, monkeypatch):
     def plain(*given):
         return bisected(*given[:5])
@@ -125,6 +126,7 @@ def test_the_friction_is_the_brink(task, found):
     assert not stands(rougher(0.995 * found["friction"].value), task.reference)
 
 
+@pytest.mark.slow
 def test_no_direction_loses_a_contact_below_the_reported_push(task):
     robot, rest = task.robot, at_rest(task.start)
     weight = robot.samples(rest, [0.0]).wrenches[0]
@@ -233,6 +235,7 @@ def test_stiffness_of_feet_in_words():
     )
 
 
+@pytest.mark.slow
 def test_a_motion_that_needs_next_to_no_friction_says_so():
     """No time and no way of losing a contact, which nothing loses."""
     assert f"{Tolerated('friction', 0.00098, '', True, np.nan, '')}" == "friction x 0.00098 and less"

@@ -96,6 +96,7 @@ def test_mechanisms_keep_their_energy(name):
     np.testing.assert_allclose(path.s[10], slow.s[-1], atol=1e-11)
 
 
+@pytest.mark.slow
 def test_carried_joints_out_of_reach_are_refused():
     robot = robot_of("five_bar")
     equations = CompiledDynamics(robot, robot.description.home)

@@ -200,6 +200,7 @@ def test_power_balance(kind):
     assert slope == pytest.approx(power, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some(1, ROBOTS))
 def test_free_fall_keeps_the_energy(name):
     robot = ROBOTS[name]

@@ -200,6 +200,7 @@ def test_the_worst_case_is_dashed_and_its_minimum_is_that_of_the_check():
     assert figure.get_suptitle().splitlines()[1].startswith("CHECKED at samples for 'workshop' uncertainty")
 
 
+@pytest.mark.slow
 def test_limits_are_those_of_the_task():
     plan, _, figures = drawn("C", limits=Limits(GN=0.95, GT=0.8, torque_ratio=0.6))
     moment = plan.task.robot.tip_over.reference_moment * (1 / 0.95 - 1)
@@ -374,6 +375,7 @@ def test_vibration_and_forces_with_gears_that_give(feet):
     assert np.max(np.abs(np.interp(begins, instants, stiff) - forces)[moving]) > 5
 
 
+@pytest.mark.slow
 def test_forces_and_gaps_of_feet_that_give():
     plan = stand_in_plan("A", reference=False)
     robot = softened(plan.task.robot, 1e6)

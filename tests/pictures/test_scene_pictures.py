@@ -148,6 +148,7 @@ def test_planar_forces_cones_and_bars():
     assert len(artists(figure, "nearest")) == 1
 
 
+@pytest.mark.slow
 def test_title_carries_verdict_and_reserves(scenes):
     scene = read_scene(scenes / "pushed_cart.toml")
     states, tip, slip = evaluate(scene)

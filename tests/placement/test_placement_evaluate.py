@@ -167,6 +167,7 @@ def test_ground_rows():
     assert corner.values.min() == pytest.approx(-0.65)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [True, False])
 def test_a_base_of_balls_among_balls_is_the_same_in_closed_form_and_by_solids(known):
     """One far box makes all of them solids; an arm without geometry does not matter."""

@@ -55,6 +55,7 @@ def by_hand(own, stood, k, friction=None):
     return Support(contacts, mass=nominal.mass, center_of_mass=nominal.center_of_mass)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slope", [(0.1, -0.06)])
 def test_an_even_field_is_judged_like_a_plane(slope):
     even = drilling(tripod(), terrain=plane(slope, 0.05))

@@ -47,6 +47,7 @@ def test_a_straight_line_is_a_trapezoid():
     assert found.motion.end >= float(earliest_end(1.0, *pace)) * (1 - 1e-9)
 
 
+@pytest.mark.slow
 def test_splines_that_turn_back_are_timed_as_well_as_others():
     """To and fro on one line: the optimum is the sum of bang-bang motions between the extremes."""
     task = tripod()

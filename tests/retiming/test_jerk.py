@@ -18,6 +18,7 @@ from tests.retiming.paths import delta, random_path, tripod
 FREE = Limits(GN=0.999, GT=0.999, torque_ratio=100.0)
 
 
+@pytest.mark.slow
 def test_a_straight_line_is_an_s_curve():
     """Where speed, acceleration and jerk are all reached it takes D/V + V/A + A/J."""
     task = tripod()

@@ -39,6 +39,7 @@ def task():
     return ocptip.load_task(TASK, uncertainty="none", objective="time")
 
 
+@pytest.mark.slow
 def test_a_timing_says_when_it_passes_places(task):
     path = random_path(task, 1)
     s = np.array([0.0, 0.1, 0.25, 0.4, 0.5, 0.75, 1.0])

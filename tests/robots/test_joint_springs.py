@@ -92,6 +92,7 @@ def test_the_largest_torques_within_an_uncertainty_have_the_springs():
     assert np.max(np.abs(bound - before)) > 1.0
 
 
+@pytest.mark.slow
 def test_uncertain_springs_ask_more_of_the_drives_and_nothing_of_the_contacts():
     """By hand: the bound grows by the share of the spring's torque; no draw of springs exceeds it."""
     task = experiment_task("A")

@@ -123,6 +123,7 @@ def test_what_has_no_meaning_is_left_out(case):
     assert one.lines()[0].startswith("minimum foot force ")
 
 
+@pytest.mark.slow
 def test_shares_of_feet_that_give_alike_are_those_of_springs_and_negative_where_springs_lift_one(case):
     rng = np.random.default_rng(1)
     corners = [

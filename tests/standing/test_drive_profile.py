@@ -184,6 +184,7 @@ def test_the_worst_pace_of_the_base_is_one_of_its_ends(task):
         assert np.all(np.abs(driven.loads(q, pace * qd, pace**2 * qdd, scaled)[0]) <= most + 1e-9)
 
 
+@pytest.mark.slow
 def test_steps_of_base_and_joints_that_meet_overshoot_together(task):
     robot, tolerance, rate = task.robot, Uncertainty(damping=0.2), 0.8
     goal = task.start + 0.2

@@ -76,6 +76,7 @@ def test_samples_feed_a_support():
     assert not pushed.persistent
 
 
+@pytest.mark.slow
 def test_loads_are_those_of_searched_joints():
     robot, load = ParallelRobot(delta()), np.array([5.0, -3.0, 2.0, 0.0, 0.0, 0.0])
     _, *states = swinging(4)
@@ -97,6 +98,7 @@ def test_load_on_the_platform_reaches_the_base():
     np.testing.assert_allclose(with_load[0][0], motors, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_bad_motions_are_refused():
     robot = ParallelRobot(delta())
     with pytest.raises(InputError, match="speeds: expected shape"):

@@ -526,6 +526,7 @@ def test_stops_of_a_slide_by_brakes_use_the_friction_that_their_force_over_the_m
     assert stops.worst["brakes"]["objects"]["low"]["GT"] == checked.worst["GT_brakes[low]"].value
 
 
+@pytest.mark.slow
 def test_wrenches_on_objects_when_brakes_close_are_those_of_the_accelerations_then():
     rng = np.random.default_rng(10)
     robot = robot_of(random_arm(rng, 3), [PLATE, CUP, CRATE])
@@ -553,6 +554,7 @@ def test_wrenches_on_objects_when_brakes_close_are_those_of_the_accelerations_th
             np.testing.assert_allclose(slopes[:, k], (up - down) / (2 * h), rtol=1e-4, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_wrenches_on_objects_in_stops_are_those_of_the_states_that_stops_pass():
     rng = np.random.default_rng(8)
     robot = robot_of(random_arm(rng, 3), [PLATE, CUP, CRATE])

@@ -9,6 +9,7 @@ from studies.postures.run import Runs, report, study
 from studies.postures.tasks import HOPELESS, branch_task, hopeless, plannable_pairs
 
 
+@pytest.mark.slow
 def test_tasks_are_those_of_their_number():
     first, again, other = branch_task(1), branch_task(1), branch_task(4)
     np.testing.assert_array_equal(first.goal, again.goal)
@@ -18,6 +19,7 @@ def test_tasks_are_those_of_their_number():
     assert branch_task(7).targets[0] is not None
 
 
+@pytest.mark.slow
 def test_what_is_left_out_is_dear():
     pairs = plannable_pairs(branch_task(1))
     costs, without = [plainest_cost(pair) for pair in pairs], hopeless(pairs)

@@ -60,6 +60,7 @@ def test_placed_cycle_is_the_robot_at_its_place(changed, slope):
 DECK = re.search(r"\[\[base_obstacle\]\](.*\n)+?\n", TEXT)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("key", "level"), some(1, [("", 0.0), ("floor = false\n", None)]))
 def test_the_floor_of_a_place_is_that_of_the_cycle_there(changed, key, level):
     """Without the deck of the example it is what the contacts stand on, wherever the base stands."""
@@ -74,6 +75,7 @@ def test_the_floor_of_a_place_is_that_of_the_cycle_there(changed, key, level):
     assert scope_of(cell.problem.collision) == ("" if expected else NO_FLOOR)
 
 
+@pytest.mark.slow
 def test_poses_are_those_of_the_world(changed):
     cell = changed("mass = 2.0", "mass = 2.5")
     placement = at(cell, PLACE)

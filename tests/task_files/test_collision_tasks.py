@@ -219,6 +219,7 @@ def placement_task(folder):
     )
 
 
+@pytest.mark.slow
 def test_placements_judge_and_program_agree(folder):
     problem = placement_task(folder).problem
     evaluator, rng = Evaluator(problem), np.random.default_rng(1)

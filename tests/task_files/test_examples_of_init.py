@@ -172,6 +172,7 @@ def base_of(folder, *parts):
 WHEELS = [("wheel", 0.3, 0.25, 0.0), ("wheel", 0.3, -0.25, 0.0)]
 
 
+@pytest.mark.slow
 def test_casters_are_known_by_name_and_have_no_friction(tmp_path):
     urdf = written(tmp_path, *two_wheels(), *caster("rear_caster", "-0.4 0 -0.05"), *folded_arm("chassis"))
     template, task = unmarked(tmp_path, urdf)

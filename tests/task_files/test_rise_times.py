@@ -58,6 +58,7 @@ def test_published_cases_in_files(tmp_path):
     assert task.limits.tolerance.overshoot > 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chosen", [None, ()])
 def test_sources_leave_a_choice_where_there_was_one(tmp_path, chosen):
     task = load_task(written(tmp_path, "GN = 0.9"))

@@ -46,6 +46,7 @@ def test_cubics_are_the_ramps_exactly():
     np.testing.assert_allclose(run.states(times)[0], theirs, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rise", some(1, [0.005, 0.02, 0.3]))
 def test_quintics_are_the_mean_of_the_ramps(rise):
     run = controller_points(RAMP.with_rise_times(rise), "quintic")

@@ -105,6 +105,7 @@ def test_positions_alone_are_points_of_a_smooth_curve() -> None:
     assert path_of_motion(motion).keeps_to_lines == "--path-tolerance"
 
 
+@pytest.mark.slow
 def test_distance_of_a_spline_from_the_lines_between_its_points() -> None:
     """Each sample of the curve against all lines, and a TCP at the end of two links."""
     points = np.array([[0.0, 0.0], [0.6, 0.3], [0.9, 1.0], [1.4, 0.8]])

@@ -290,6 +290,7 @@ def test_json_is_that_of_the_file_and_the_paths(planner, capsys, tmp_path):
     assert printed["time_scale"][0]["factor"] == 1.2
 
 
+@pytest.mark.slow
 def test_time_scale_says_what_still_stands(planner, capsys):
     planner.result = stand_in_plan("B", limits=Limits(GN=0.999))
     code, out, _ = run(capsys, "B", "--no-figures", "--tolerance", "none", "--time-scale", 1.1, 0.999, 0.5)

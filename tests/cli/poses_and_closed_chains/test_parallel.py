@@ -225,6 +225,7 @@ def test_assembly_modes_are_listed_in_degrees_with_the_home_pose_among_them():
     assert [mode["z"] for mode in again["modes"]] == [mode["z"] for mode in modes["modes"]]
 
 
+@pytest.mark.slow
 def test_assembly_modes_need_one_number_per_motor(capsys):
     assert main(["parallel", "3RRR", "--modes", "1", "2"]) == 2
     assert "--modes: expected 3 motor positions" in capsys.readouterr().err

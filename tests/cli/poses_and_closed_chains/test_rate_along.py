@@ -92,6 +92,7 @@ def _motion(q, rates, times):
     return "\n".join(lines) + "\n"
 
 
+@pytest.mark.slow
 def test_sigma_is_the_slope_of_the_manipulability(capsys, tmp_path):
     """[Naw07] (4.8), (4.10): d|det J|/dt = |grad| |rates of joints 2 to 5| sin sigma, by differences."""
     times = np.linspace(0, 1, 2001)

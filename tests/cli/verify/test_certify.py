@@ -100,6 +100,7 @@ def test_plans_hold_their_certificate(tmp_path, capsys):
     assert "proved" in capsys.readouterr().out.lower()
 
 
+@pytest.mark.slow
 def test_a_rise_time_as_typed_is_certified(capsys):
     plan = str(ROOT / "studies" / "results" / "plans" / "A-effective" / "plan.json")
     bounds = []

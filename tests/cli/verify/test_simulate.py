@@ -87,6 +87,7 @@ def test_export_writes_a_model_per_segment(cycle, tmp_path, capsys):
     assert "what the gripper takes or leaves" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_simulate_says_no(written, capsys):
     assert main(["simulate", str(written), "--tilt", "6", "-120", "--friction", "0.9"]) == 1
     said = capsys.readouterr().out

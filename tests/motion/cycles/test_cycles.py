@@ -346,6 +346,7 @@ def test_the_way_through_postures_is_chosen_with_all_segments_in_view(plan):
     assert likely_sequences(task, layers_of(task)) == [(0, 0, 0)]
 
 
+@pytest.mark.slow
 def test_of_many_postures_those_on_short_ways_are_looked_at(plan):
     out, back = plan.task.segments
     goals = plan.task.starts + np.linspace(0, 0.5, 40)[:, None] * np.array([1, 0, 0, 0, 0, 0])

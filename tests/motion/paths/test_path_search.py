@@ -49,6 +49,7 @@ def test_the_same_seed_gives_the_same_path_and_another_one_another(tmp_path):
     assert not np.array_equal(first, other)
 
 
+@pytest.mark.slow
 def test_it_goes_to_the_goal_that_can_be_reached(tmp_path):
     task = task_among(tmp_path)
     within = np.array([0.0, 0.0, 0.0])  # in the wall

@@ -137,6 +137,7 @@ def test_summits_stay_within_their_interval():
     assert all(0 <= share <= 1 for share in shares)
 
 
+@pytest.mark.slow
 def test_a_solution_goes_on_beyond_the_end_time_where_a_passive_ramp_changes_its_shape():
     """Joint 4 of case D has a triangle of speed in motions longer than 3.75 s; the best one takes 2.1 s."""
     task = experiment_task("D", "effective")

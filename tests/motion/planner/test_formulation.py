@@ -90,6 +90,7 @@ def test_order_has_all_events_sorted(name, seed):
     np.testing.assert_allclose(np.sort([order.times[c] @ x for c in crossings]), motion.crossings, atol=1e-12)
 
 
+@pytest.mark.slow
 @examples(25)
 @given(name=NAMES, seed=SEEDS)
 def test_directions_are_the_signs_of_the_speeds(name, seed):

@@ -94,6 +94,7 @@ def test_passive_joints_end_with_the_motion(task):
             assert motion.joints[joint].end == pytest.approx(motion.end, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_the_seed_decides(task):
     first, again, other = (start_of(task, seed).to_dict() for seed in (5, 5, 6))
     assert first == again

@@ -47,6 +47,7 @@ def drawn(seed, kind):
     return formulation, formulation.motion(x), x
 
 
+@pytest.mark.slow
 @examples(8)
 @given(seed=SEEDS, kind=KINDS)
 def test_order_has_all_events_of_the_motion(seed, kind):

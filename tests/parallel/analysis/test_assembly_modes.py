@@ -115,6 +115,7 @@ def _direction_leg(angle: float, tilt: float, arc: float, end: np.ndarray) -> Se
     )
 
 
+@pytest.mark.slow
 def test_spherical_robot_has_at_most_eight() -> None:
     legs = []
     for k in range(3):

@@ -25,6 +25,7 @@ def test_order_is_a_permutation():
             assert order == tuple(range(robot.m))
 
 
+@pytest.mark.slow
 def test_every_order_gives_the_same_forces():
     case = golden("6UPS")
     motors = case.robot.actuated

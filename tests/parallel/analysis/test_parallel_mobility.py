@@ -86,6 +86,7 @@ def test_five_axes():
     assert (found.dof, found.over_constraints, found.consistent) == (5, 4, True)
 
 
+@pytest.mark.slow
 def test_similar_hexagons_are_singular_everywhere():
     with pytest.raises(
         InputError, match=r"singular in every checked pose.*platform \(type II\).* do not hold the rot"

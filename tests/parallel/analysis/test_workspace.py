@@ -18,6 +18,7 @@ from tests.quick import some
 _STROKE = (0.5, 0.75)
 
 
+@pytest.mark.slow
 def test_constant_orientation_workspace_of_a_hexapod_is_an_intersection_of_shells() -> None:
     """Volume by exact intervals along vertical lines, within 1 %."""
     description = ups6().with_joint_ranges({2: _STROKE})

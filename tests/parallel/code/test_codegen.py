@@ -58,6 +58,7 @@ def test_octave_compiles_and_calls_the_gateway(tmp_path):
     np.testing.assert_allclose(np.fromstring(told.stdout, sep="\n"), np.concatenate(expected), rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_source_names_its_arguments_and_allocates_nothing(tmp_path):
     lean = lean_function(golden("3RPR").robot, form="A", dynpar=3, name="forces")
     other = lean_function(golden("3RPR").robot, ("J_a",), form="S", name="jacobian")

@@ -89,6 +89,7 @@ def test_complete_code_is_the_numeric_robot(name):
         np.testing.assert_allclose(found["qdd"].ravel(), np.concatenate(rates.qdd), atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", some(1, sorted(set(MECHANISMS) - {"sps6"}))
 )  # spins keep their places, not speeds

@@ -113,6 +113,7 @@ def test_conventions(convention):
     assert lean.count.weighted == pytest.approx(2401, rel=0.01)
 
 
+@pytest.mark.slow
 @examples(8)
 @given(seed=st.integers(0, 10**6))
 def test_power_balance(seed):
@@ -201,6 +202,7 @@ def test_joint_rates_follow_the_closure():
         assert error(found["qdd"][:, i], leg.Jq @ state.sd + leg.drift) < SAME
 
 
+@pytest.mark.slow
 def test_legs_of_different_kind_and_own_bodies():
     """A 3RRR whose third leg is longer, heavier and mounted by a numeric angle."""
     state = random_state("3RRR", 4)

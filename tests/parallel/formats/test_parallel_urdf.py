@@ -234,6 +234,7 @@ def _without(model, joint, q, v, a):
     return pin.rnea(lone, lone.createData(), q, v, a)
 
 
+@pytest.mark.slow
 def test_platform_gets_all_that_is_rigid_with_it(tmp_path):
     """Mass and centre of mass of a random tree in its home pose."""
     text, cuts, home = random_tree(np.random.default_rng(3))

@@ -94,6 +94,7 @@ def test_the_page_shows_margins_at_rest(delta, page):
     assert "tipping margin" in page.verdict.content
 
 
+@pytest.mark.slow
 def test_poses_are_kept(delta, tmp_path):
     poses = ocptip.studio(DELTA)._poses
     goal = poses.task.goal + 0.01

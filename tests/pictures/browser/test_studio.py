@@ -92,6 +92,7 @@ def test_an_accelerated_base_is_that_of_stand(studio):
     assert found.margins.tipping_moment == pytest.approx(moment_of(expected), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_robustness_is_where_contacts_are_lost(studio):
     """Beyond each value a contact is lost, or a drive overloaded; below it none is."""
     found = studio.robustness()

@@ -263,6 +263,7 @@ def test_objects_are_where_they_stand_and_the_ball_is_of_the_payload_alone():
     np.testing.assert_allclose([box.min(axis=0), box.max(axis=0)], [[-0.2, -0.05, 0.5], [0.0, 0.05, 0.8]])
 
 
+@pytest.mark.slow
 def test_view_of_a_plan_folder(tmp_path, capsys):
     task = experiment_task("A")
     write_plan(tmp_path / "A", plan_of(task, task.reference))

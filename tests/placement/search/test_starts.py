@@ -34,6 +34,7 @@ def places():
     return np.column_stack([rng.uniform(-0.6, -0.2, 60), rng.uniform(-0.3, 0.4, 60), rng.uniform(-3, 3, 60)])
 
 
+@pytest.mark.slow
 def test_best_combination_of_branches_against_all_of_them(evaluator, places):
     ground = smallest_margin(evaluator.ground(0, places), len(places))
     found = best_branches(evaluator, 0, places, ground, np.random.default_rng(0))

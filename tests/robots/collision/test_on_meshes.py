@@ -95,6 +95,7 @@ def test_room_beside_a_large_body_is_not_filled(folder):
     assert collision.gaps(task.start)[own].min() > 0.01
 
 
+@pytest.mark.slow
 def test_a_refusal_has_the_distance_of_the_meshes_too(folder):
     elsewhere = TASK.replace("start_deg = [0, 0]", "start_deg = [0, -80]")
     coarse = load(folder, elsewhere.replace("mount", "mesh_parts = 1\nmount", 1))

@@ -31,6 +31,7 @@ def modular():
     return collisions_of(load_arm("FSFS"), around, ())
 
 
+@pytest.mark.slow
 def test_nothing_tunnels_through_a_thin_plate(among):
     """Every line is judged as by samples, but for those that pass within what a proof leaves open."""
     lines, rng, seen = (

@@ -105,6 +105,7 @@ def test_poses_beyond_the_allowed_miss_are_refused_with_their_miss(name):
         solve_inverse_kinematics(arm, position, rotation)
 
 
+@pytest.mark.slow
 def test_a_small_miss_is_not_printed_as_zero():
     """A pose above the plane of an arm that only moves in it."""
     position, rotation = written(SCARA, ANGLES[:3], 9)

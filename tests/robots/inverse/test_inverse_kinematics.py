@@ -138,6 +138,7 @@ def test_seven_joints_give_points_of_the_continuum():
     assert result.residuals.max() < 1e-10
 
 
+@pytest.mark.slow
 def test_search_is_repeatable():
     model = load_arm("FSFS")
     pose = gripper_pose(model, np.linspace(-1, 1, 6))

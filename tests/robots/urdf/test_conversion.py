@@ -144,6 +144,7 @@ def test_joints_that_place_a_base_are_no_joints_of_the_arm(model_file, monkeypat
         assert f"left out of the MuJoCo model: {left}" in answer["assumed"]
 
 
+@pytest.mark.slow
 def test_rotors_come_along_and_what_is_left_out_is_named(model_file, monkeypatch, capsys):
     """MuJoCo has the rotors on the diagonal of its mass matrix; tendons, springs, losses are noted."""
     monkeypatch.chdir(model_file.parent)

@@ -116,6 +116,7 @@ def test_limits_within_pushes_and_on_free_wheels_are_those_of_the_worst_case(tas
                 assert (max(case.tip()[0], case.slip()[0]) < 1) == holds
 
 
+@pytest.mark.slow
 def test_the_first_of_four_wheels_lifts_where_equal_springs_say_so(task):
     robot, q = task.robot, task.start
     paths = Manoeuvres.accelerations(np.array([[-1.0, 0, 0], [0, -1, 0]]), robot.support.gravity)

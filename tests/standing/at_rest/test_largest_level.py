@@ -160,6 +160,7 @@ def test_a_lighter_base_never_holds_more(lighter, tilt, share):
     assert (masses[1] < masses[0] - 1e-6).any()
 
 
+@pytest.mark.slow
 def test_facets_of_the_friction_cone_are_near_what_bisection_finds(kit, monkeypatch):
     robot, _, limits = kit
     contacts = [replace(contact, friction=0.12) for contact in robot.support.contacts]

@@ -153,6 +153,7 @@ def test_the_worst_case_of_a_motion_is_that_of_a_robot_built_anew():
     assert found["center_of_mass_sideways"].after.moment > found["base_mass"].before.moment
 
 
+@pytest.mark.slow
 def test_at_rest_the_worst_case_is_that_of_the_posture():
     task = experiment_task("A", "effective")
     found = {one.quantity: one for one in resting_posture(task, "start").sensitivities(WORKSHOP)}
@@ -168,6 +169,7 @@ def test_at_rest_the_worst_case_is_that_of_the_posture():
     assert found["base_mass"].before.cells()[2] == "-"
 
 
+@pytest.mark.slow
 def test_a_base_that_tips_says_what_is_missing():
     """A load that tips: the margin is negative, less so with more mass, and more so in the worst case."""
     load = (Load(force=[60.0, 0.0, -30.0], point=[0.1, 0.05, 0.9]),)

@@ -86,6 +86,7 @@ def test_stand_prints_slope_and_payload_and_the_drives_count_in_requirements(cap
     assert np.max(np.abs(torques) / arm.limits.torque) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_casters_that_may_carry_everything_are_the_named_cause(capsys, tmp_path):
     angle = np.radians(0.01)
     text = f"gravity = [{9.81 * np.sin(angle)}, 0, {-9.81 * np.cos(angle)}]\n"

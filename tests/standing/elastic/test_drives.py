@@ -144,6 +144,7 @@ def test_ripple_of_a_drive_excites_what_it_moves(detuned):
     assert np.max(np.abs(found.course.bends[late, 0])) == pytest.approx(expected, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_rise_time_of_one_period_leaves_nothing():
     stiffness, inertia = 800.0, 0.5
     robot, motion = pendulum(stiffness, inertia=inertia), ramp(speed=0.93)
@@ -216,6 +217,7 @@ def test_no_rise_time_is_named_where_nothing_rings():
     assert (stiff.modes, stiff.rise, stiff.peak.value) == ((), None, 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speeds", some(1, [False, True]))
 def test_samples_ring_as_the_ramps_do(speeds):
     robot, motion = plan_of("A")

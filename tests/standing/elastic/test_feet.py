@@ -162,6 +162,7 @@ def test_damping_is_what_was_asked_for():
     assert same.lift == pytest.approx(found.lift)
 
 
+@pytest.mark.slow
 def test_stiffer_feet_lift_less_but_jumps_still_lift_them():
     """What overshoots is a share of the jump, whatever the stiffness; the height goes with its inverse."""
     robot, motion = plan_of("A")
@@ -265,6 +266,7 @@ def test_feet_beside_a_clamp_swing_as_in_another_simulator():
     assert course.least[2].value < -5
 
 
+@pytest.mark.slow
 def test_a_jaw_yields_at_its_force():
     """Feet of 1e5 N/m rock the base of case C so that its clamp lets go at 0.42 s for the first time."""
     robot, motion = plan_of("C")

@@ -40,6 +40,7 @@ def rows_of(limit, s: np.ndarray):
     return limit.rows(NodeSlopes(NodeColumns(6, 0), s, slopes, *none), mask)
 
 
+@pytest.mark.slow
 def test_rows_have_exact_derivatives_where_their_states_are_chosen(task):
     rng, step = np.random.default_rng(0), 1e-5
     states = 0.3 * rng.normal(size=(3, 3, 6))

@@ -39,6 +39,7 @@ def test_wheels_lift_at_the_braking_of_the_envelope(task, slope, posture):
     assert rate * time == pytest.approx(predicted, rel=0.02)
 
 
+@pytest.mark.slow
 def test_wheels_lift_at_the_speed_of_the_envelope_in_a_curve(task):
     """All wheels are steered to the same centre, on the right; the speed grows slowly."""
     robot, radius, begin, rate = task.robot, 3.0, 1.5, 0.25

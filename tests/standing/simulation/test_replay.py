@@ -115,6 +115,7 @@ def test_worlds_that_are_tolerated_and_not(simulator, world, stands):
     assert simulator.run(world).stands is stands
 
 
+@pytest.mark.slow
 def test_masses_change_forces(plan, simulator):
     robot = plan[0]
     heavier = simulator.run(World(masses=(1.05,) * (1 + robot.arm.links)))
@@ -124,6 +125,7 @@ def test_masses_change_forces(plan, simulator):
     assert same.forces[rest].sum(axis=1).mean() == pytest.approx(robot.mass * 9.81, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_late_joints_are_late(plan, simulator):
     robot, motion = plan
     late = simulator.run(World(late=(0.05,) * robot.n))
@@ -165,6 +167,7 @@ def test_clamp_of_constant_force_holds_and_slips_as_the_library_says(case):
     assert enough.slide < 0.02e-3 < 0.05e-3 < too_little.slide  # m
 
 
+@pytest.mark.slow
 def test_clamp_lets_go_beyond_its_force():
     """A base that would tip without its clamp: the pressed foot lifts where the pull exceeds the force."""
     robot, motion = plan_of("C-effective")
@@ -219,6 +222,7 @@ def test_jaws_on_a_lever_yield_at_their_force():
     assert not replay.stands
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rise", some(1, [0.02, 0.08]))
 def test_s_curves_are_replayed_as_planned(plan, rise):
     """The ramps of plan A with accelerations that rise: slower, and forces without jumps."""

@@ -111,6 +111,7 @@ def test_keyframes_have_objects_in_their_places_as_fast_as_what_carries_them():
             np.testing.assert_allclose((jacobians[0] - jacobians[1]) @ data.qvel, 0.0, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_objects_have_their_own_masses_and_centres_in_a_world():
     robot = TASK.robot.carrying([TALL, CRATE])
     model = PrescribedModel(robot, swing(1.0), 4e-4)

@@ -242,6 +242,7 @@ def test_a_cancel_within_an_uncertainty_has_its_worst_case_in_words(case):
     assert "worst case the base tips" in _contact_text({**worst, "GN_within": 1.2})
 
 
+@pytest.mark.slow
 def test_more_than_all_is_checked_where_it_is_asked_for(case):
     """Beside the shares up to 100 %, which stay."""
     robot, motion, limits = case.robot, case.reference, case.limits

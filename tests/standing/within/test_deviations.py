@@ -88,6 +88,7 @@ def test_the_wrench_is_that_of_a_robot_built_anew(robot, cases):
         assert np.allclose(found[row], expected, rtol=1e-10, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_the_wrench_on_a_moving_base_is_that_of_a_robot_built_anew(robot):
     rng, tolerance = np.random.default_rng(3), dataclasses.replace(WIDE, drive_speed=0.2)
     own = driving_case_of(robot, tolerance).deviations

@@ -28,6 +28,7 @@ def options_of(robot, rng, count: int, kinds: int) -> np.ndarray:
     return options
 
 
+@pytest.mark.slow
 def test_no_drawn_combination_goes_farther(cases):
     """Than the worst one by its exact value, beyond any half space; to first order it is known to 2 %."""
     robot, rng = cart().robot, np.random.default_rng(0)

@@ -215,6 +215,7 @@ def test_no_admissible_delays_are_worse_than_the_check_says(close_jumps, seed):
     assert float(cases.tip_ratio(least)) <= found.tip.bound * (1 + 1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", some(1, [0.01, 0.003]))
 def test_the_check_looks_at_what_certificates_are_about(close_jumps, delay):
     """Joint by joint the ends of its stretches are those of the branches that a certificate encloses."""
@@ -282,6 +283,7 @@ def test_limits_say_what_is_asked_of_the_worst_case():
     assert "tolerance" not in Limits().to_dict()
 
 
+@pytest.mark.slow
 def test_half_spaces_tell_of_postures_what_the_search_for_the_worst_slip_finds():
     """On four feet; where they say that GT is kept, no search finds more, and they say it of most."""
     task = load_task(EXAMPLES / "tasks" / "ur5_sander.toml")

@@ -50,7 +50,7 @@ def robot(request, tmp_path):
 
 @pytest.mark.filterwarnings("ignore::ocptip.basics.errors.InputWarning")  # odd masses
 @pytest.mark.parametrize(
-    "tolerance", some(2, [EVERYTHING, NONE, SITE]), ids=["everything", "nothing", "site"]
+    "tolerance", some(1, [EVERYTHING, NONE, SITE]), ids=["everything", "nothing", "site"]
 )
 def test_they_are_those_of_the_independent_checker(robot, tolerance):
     rng = np.random.default_rng(0)

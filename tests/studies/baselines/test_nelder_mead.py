@@ -63,6 +63,7 @@ def test_kinks(adapted):
     assert result.fun == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_sphere_in_24_dimensions_plain():
     result = nelder_mead(
         lambda x: np.sum((x - 0.3) ** 2),

@@ -152,6 +152,7 @@ def test_peers_hold_the_weight(peer):
         assert peer.name.endswith(("raw", "textbook"))
 
 
+@pytest.mark.slow
 def test_timing_study(tmp_path, capsys):
     options = ["--loads", "10", "--states", "40", "--unsorted", "50", "--rounds", "2", "--feet", "3"]
     assert contact_timing.main(["--out", str(tmp_path), *options]) == 0
@@ -174,6 +175,7 @@ def test_timing_study(tmp_path, capsys):
     assert all(reserve["certified"] == reserve["states"] for reserve in data["slip_reserve"])
 
 
+@pytest.mark.slow
 def test_random_problems(monkeypatch):
     monkeypatch.setattr(random_problems, "CHUNK", 5 * random_problems.WRENCHES)
     chunks = [random_problems.run_chunk(3, i) for i in range(2)]

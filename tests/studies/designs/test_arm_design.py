@@ -122,6 +122,7 @@ def test_workspace_statistics():
     assert found.to_dict()["percentiles"]["10"] == found.percentiles[10.0]
 
 
+@pytest.mark.slow
 def test_seven_axes_have_a_best_condition_number():
     arm = dataclasses.replace(random_arm(2, 7), inertias=np.tile(np.eye(3), (7, 1, 1)))
     found = best_arm_pose(arm, "inv_cdn_oe", ellipsoid=OperationEllipsoid.sphere(1.0), starts=2)

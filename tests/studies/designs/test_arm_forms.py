@@ -121,6 +121,7 @@ def heavy_arm(joints):
     return dataclasses.replace(random_arm(2, joints), inertias=np.tile(np.eye(3), (joints, 1, 1)))
 
 
+@pytest.mark.slow
 def test_published_constrained_pose():
     """PI_OE >= 0.35 with the tool point held."""
     arm, start = DesignArm.of(irb_2000()), published_motion(0.55)

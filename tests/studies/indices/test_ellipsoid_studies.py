@@ -91,6 +91,7 @@ def test_where_all_anchors_lie_on_it():
     assert np.linalg.norm(pose.base - own.center, axis=1) == pytest.approx(np.full(6, own.half_axes[0]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("t", some(1, [0.2, 0.8]))
 def test_no_ellipsoid_is_better_for_special_members(t):
     """Against a search over ellipsoids of any centre, axes and size."""

@@ -102,6 +102,7 @@ def test_turning_points():
     np.testing.assert_allclose(motion.turning_points(), [0.5])
 
 
+@pytest.mark.slow
 def test_passive_wrists_follow_their_ramp(task):
     case, robot = task
     problem = FreeForm(robot, case.start, case.goal, 4, passive=(3, 4, 5), iterations=60)
