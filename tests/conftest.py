@@ -61,6 +61,7 @@ def pytest_collection_finish():
     """Thousands of collected tests are not looked through again whenever memory is tidied up."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
 
 
 @pytest.fixture(scope="session", autouse=True)
