@@ -136,7 +136,7 @@ def path_along(
     within = None if not tolerance else joint_tolerance(task, tolerance, motion.n > task.robot.n)
     paths = []
     for one, segment in zip(motions, task.segments, strict=True):
-        limited = np.isfinite(segment.task.limits.jerks(segment.task.robot.limits)).any()
+        limited = bool(np.isfinite(segment.task.limits.jerks(segment.task.robot.limits)).any())
         try:
             path = path_of_motion(one, within, smooth=smooth or limited)
         except InputError:

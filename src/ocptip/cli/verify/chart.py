@@ -14,7 +14,7 @@ from ocptip.api.results.chart import LoadChart
 from ocptip.api.tasks import load_task
 from ocptip.basics.text import quantity, table
 from ocptip.cli.command import FolderReport
-from ocptip.cli.layout import brief_notes, masses, named, under
+from ocptip.cli.layout import brief_notes, fitted, masses, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
 from ocptip.cli.terminal import Progress
 from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, SPEED
@@ -71,7 +71,7 @@ class ChartReport(FolderReport):
                     name = result.raised.name.capitalize()
                     title = f"{name} [{unit}] that all postures up to a reach [m] keep, {words}"
                     lines += [title, *self._designs(key), ""]
-            lines += named(self._notes())
+            lines += fitted(self._notes())
         else:
             lines += ["Every posture drawn collides, or comes nearer than the clearance."]
         return "\n".join([*lines, *(f"wrote {path}" for path in self.written)])
