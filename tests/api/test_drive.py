@@ -185,7 +185,7 @@ def test_text_files_and_json(tmp_path, capsys):
     least = int(np.argmin(lifts))
     told = next(line for line in lines[:k] if line.startswith("# first contact: lifts at "))
     assert 0 <= lifts[least] - float(told.split()[5]) < 1e-3
-    assert f"at {360 / count * least:.0f} deg, worst case, if contacts are equally compliant" in told
+    assert f"at {360 / count * least:.0f} deg, worst case, if equally compliant" in told
     assert any(line.startswith("# start: posture 1 of ") for line in lines[:k])
     assert lines[k + 1] == "  ros__parameters:"
     given = [float(value) for value in lines[k + 4].split("[")[1].rstrip("]").split(",")]
@@ -255,7 +255,7 @@ def test_objects_on_the_deck_and_on_a_tray_limit_how_hard_the_base_drives():
     np.testing.assert_allclose(glass.nominal.largest[:4], 0.3 * G, rtol=1e-5)
     assert np.all(glass.nominal.slip[:4] < glass.nominal.tip[:4])
     assert found.limit("brake") == pytest.approx(min(0.3 * G, found.nominal.largest[5]), rel=1e-5)
-    assert found.stop_deceleration == pytest.approx(0.8 * found.limit("brake"))
+    assert 0 < found.stop_deceleration < 0.8 * found.limit("brake")  # the base also turns
     assert found.worst_direction[0] <= 0.3 * G * (1 + 1e-6)
     assert -found.navigation["max_decel"][0] <= found.limit("brake")
     assert set(found.to_dict()["objects"]) == {"glass_left", "crate"}

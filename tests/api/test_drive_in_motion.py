@@ -49,7 +49,7 @@ def test_the_envelope_is_that_of_the_worst_instant(task, motion, tolerance):
     times = motion.both_sides(0.05)
     states = np.hstack(motion.states(times))
     number = worst_states(robot, states, paths)
-    rows = states[number.ravel()], paths.repeated(3), tolerance
+    rows = states[number.ravel()], paths.repeated(number.shape[1]), tolerance
     found = largest_manoeuvres(robot, *rows).at_worst(times[number])
     every = np.repeat(np.arange(len(times)), len(paths)), np.tile(np.arange(len(paths)), len(times))
     tiled = dataclasses.replace(

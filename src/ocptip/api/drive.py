@@ -74,7 +74,7 @@ def drive(
         turning: rad/s, of the emergency stop in a turn.
         slope: rad, on which the base brakes.
         deceleration: m/s^2, of the emergency stop whose largest speed is wanted; default: 80 % of the
-            largest on level ground.
+            largest at low speed in its curve on level ground.
         payload: kg, instead of that of the task.
         samples, seed: of the search for a stow pose: postures that are drawn, and which.
         holonomic: whether the parameters for navigation have sideways acceleration.

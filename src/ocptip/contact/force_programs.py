@@ -147,12 +147,13 @@ class LoadRays:
 
     Args:
         support: spatial; the force set of every contact is convex.
+        normal_map: (n, 6) normal forces, N, per wrench, where springs determine them; default: they are free.
 
     Raises:
         InputError: it is not.
     """
 
-    def __init__(self, support: Support) -> None:
+    def __init__(self, support: Support, normal_map: np.ndarray | None = None) -> None:
         pieces = [contact.force_pieces() for contact in support.contacts]
         if any(len(piece) > 1 for piece in pieces):
             k = next(k for k, piece in enumerate(pieces) if len(piece) > 1)
@@ -163,7 +164,15 @@ class LoadRays:
         carrying = self._scaling[:, None] * support.wrench_matrix * laws.carries(support.contacts).ravel()
         u, s, _ = np.linalg.svd(carrying)
         self._reached = u[:, : len(s)][:, s > _REACHED * s[0]]
-        self._balance = self._reached.T @ carrying
+        self._balance, self._of_load = self._reached.T @ carrying, self._reached.T
+        if normal_map is not None:
+            normals = np.eye(carrying.shape[1])[::3]
+            rows = np.vstack(
+                [np.hstack([carrying, np.eye(6)]), np.hstack([normals, -normal_map / self._scaling])]
+            )
+            _, s, axes = np.linalg.svd(rows, full_matrices=False)  # some rows follow from others
+            rows = axes[s > _REACHED * s[0]]
+            self._balance, self._of_load = rows[:, :-6], rows[:, -6:]
 
     def farthest(self, start: np.ndarray, end: np.ndarray) -> tuple[float, np.ndarray]:
         """Largest share t <= 1 with start + t (end - start) held, and the normal (6,) of the limit there.
@@ -184,15 +193,15 @@ class LoadRays:
         across = self._reached @ (self._reached.T @ change) - change
         if np.linalg.norm(across) > _REACHED * max(np.linalg.norm(change), _REACHED):
             return 0.0, -across * self._scaling, None
-        balance = np.hstack([self._balance, (self._reached.T @ change)[:, None]])
+        balance = np.hstack([self._balance, (self._of_load @ change)[:, None]])
         cost = np.append(np.zeros(self._balance.shape[1]), -1.0)
         matrix = columns_of(np.vstack([balance, self._rows.matrix]))
-        limits = np.concatenate([-self._reached.T @ first, self._rows.limits])
+        limits = np.concatenate([-self._of_load @ first, self._rows.limits])
         ended, cones = "", [clarabel.ZeroConeT(len(balance)), *self._rows.cones]
         for tolerance in _TOLERANCES:
             solution = solve_cones(cost, matrix, limits, cones, quiet_settings(tolerance))
             status = str(solution.status)
-            normal = self._scaling * (self._reached @ np.asarray(solution.z)[: len(balance)])
+            normal = self._scaling * (np.asarray(solution.z)[: len(balance)] @ self._of_load)
             if status in USABLE:
                 size = np.linalg.norm(normal)
                 forces = self._unit * np.asarray(solution.x)[:-1].reshape(-1, 3)

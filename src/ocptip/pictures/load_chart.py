@@ -220,7 +220,8 @@ def envelope_figure(
     if within is not None:
         cases.append(("worst case", within, style.WORST_CASE))
     for title, carried, line in cases:
-        slips = np.where(carried.slip < carried.tip, carried.slip, np.nan)[:count]
+        friction = np.minimum(carried.slip, carried.alike)
+        slips = np.where(friction < carried.tip, friction, np.nan)[:count]
         for word, values, color in (
             ("the base tips", carried.tip[:count], style.TIPPING.color),
             ("wheels slide", slips, style.FRICTION.color),

@@ -72,6 +72,36 @@ def test_casters_carry_no_tangential_force():
     assert found.slip[0] == pytest.approx(by_hand, rel=1e-8)
 
 
+@pytest.mark.parametrize(("stiffness", "share"), [((None, None), 1 / 6), ((2e5, 1e5), 1 / 4)])
+def test_wheels_amid_casters_brake_with_their_share_of_the_weight(stiffness, share):
+    """Wheels in the middle of four casters: pitch leaves their load as it is. Shared ideally, it is more."""
+    friction, (wheel, caster) = 0.6, ({} if k is None else {"stiffness": k} for k in stiffness)
+    wheels = [UnilateralContact(position=[0, y, 0], friction=friction, **wheel) for y in (-0.22, 0.22)]
+    places = [[x, y, 0] for x in (-0.3, 0.3) for y in (-0.2, 0.2)]
+    casters = [UnilateralContact(position=place, friction=0.0, **caster) for place in places]
+    support = Support([*wheels, *casters], mass=59.0, center_of_mass=[0, 0, 0.2])
+    paths = Manoeuvres.accelerations(np.array([[-1.0, 0, 0], [0.4, 1, 0]]), support.gravity)
+    found = largest_manoeuvres(carried(support), Q, paths)
+    assert found.alike[0] == found.largest[0] == pytest.approx(2 * share * friction * G, rel=1e-7)
+    assert found.slip[0] > 1.4 * found.alike[0]
+    assert np.all(largest_manoeuvres(carried(support), Q, paths, ROUGH).alike < found.alike)
+
+
+@pytest.mark.parametrize("angle", [0.0, 2.0, 4.0])
+def test_friction_of_equally_compliant_wheels_ends_where_their_forces_say_so(angle):
+    wheels = feet([[0, -0.22, 0], [0.05, 0.22, 0]], 0.6)
+    places = [[x, y, 0] for x in (-0.3, 0.32) for y in (-0.2, 0.25)]
+    casters = [UnilateralContact(position=place, friction=0.0) for place in places]
+    support = Support([*wheels, *casters], mass=59.0, center_of_mass=[0.02, 0.01, 0.2])
+    robot = carried(support)
+    side = np.array([np.cos(angle), np.sin(angle), 0])
+    (alike,) = largest_manoeuvres(robot, Q, Manoeuvres.accelerations(side[None], support.gravity)).alike
+    for share, holds in ((1 - 1e-6, True), (1 + 1e-6, False)):
+        motion = ocptip.BaseMotion(share * alike * side)
+        standing = ocptip.stand(robot, Q, uncertainty="none", base_motion=motion)
+        assert bool(standing.equal.stands[0]) == holds
+
+
 @pytest.mark.slow
 def test_limits_are_those_at_which_stand_changes(task):
     kinds = np.array([[-1.0, 0, 0], [0.4, 1, 0]])

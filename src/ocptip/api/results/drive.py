@@ -28,7 +28,7 @@ from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.trajectories.trajectory import Trajectory
 
 ASSUMED = "contacts with friction are wheels that drive and brake up to it: torques of wheels are not limited"
-NOT_COVERED = ("compliance of wheels", "uneven floor")
+NOT_COVERED = ("swing on compliant wheels, and their friction once one lifts", "uneven floor")
 _NOISE = 1e-9  # relative: a contact that lifts where the base tips
 _SAME = 1e-6  # relative: limits that differ by rounding
 _NONE = (0.0,)
@@ -128,11 +128,14 @@ class DriveEnvelope(SavedFolder):
 
     @cached_property
     def stop_deceleration(self) -> float:
-        """m/s^2: of the emergency stop whose largest speed is computed; by default 80 % of the largest."""
+        """m/s^2: of the emergency stop whose largest speed is computed; by default 80 % of the largest.
+
+        The largest is that at low speed in the curve.
+        """
         if self.given.deceleration is not None:
             return positive_number("deceleration", self.given.deceleration)
         every = (replace(self, interface=k) for k in range(len(self.robot.interfaces)))
-        return 0.8 * min(float(envelope._worst_of(self._straight).largest[1]) for envelope in every)
+        return 0.8 * min(float(np.min(envelope._worst_of(self._curved).largest)) for envelope in every)
 
     @cached_property
     def objects(self) -> dict[str, DriveEnvelope]:
@@ -147,6 +150,12 @@ class DriveEnvelope(SavedFolder):
     def _straight(self, share: float) -> Manoeuvres:
         level = share * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
         return Manoeuvres.accelerations(level, self.robot.support.gravity)
+
+    def _curved(self, share: float) -> Manoeuvres:
+        """Braking along curves to the left and to the right."""
+        rows = np.zeros((2, 9))
+        rows[:, 0], rows[:, 8] = -share, -share * np.array([1, -1]) / self._radius
+        return Manoeuvres.along(rows, self.robot.support.gravity)
 
     def _all(self, share: float) -> Manoeuvres:
         given, gravity = self.given, self.robot.support.gravity
@@ -262,7 +271,8 @@ class DriveEnvelope(SavedFolder):
         case = "worst case" if self.within else "nominal"
         value = np.trunc(1e3 * around[k] + _NOISE) / 1e3 + 0.0
         where = f"lifts at {value:.4g} m/s^2 at {np.degrees(self.angles[k]):.0f} deg, {case}"
-        return f"{where}, if contacts are equally compliant; the base does not tip there"
+        springs = "with their declared stiffness" if self.robot.support.elastic else "if equally compliant"
+        return f"{where}, {springs}; the base does not tip there"
 
     def limit(self, key: str) -> float | None:
         """The limit of a manoeuvre by base and objects, within the uncertainty; None where nothing limits."""
@@ -348,7 +358,16 @@ class DriveEnvelope(SavedFolder):
         """What the envelope is about, in words."""
         within = f"within {self.tolerance.scope}" if self.counting.given else "nominal model only"
         arm = "arm at rest" if self.motion is None else "worst instants of the motion of the arm"
-        return f"{arm}, rigid wheels, {within}"
+        return f"{arm}, {within}"
+
+    @property
+    def sharing(self) -> str:
+        """How wheels share the load where they slide, in words; empty where there is one way."""
+        springs = self.robot.support.elastic
+        if not springs and np.all(self.worst.alike >= LARGEST):
+            return ""
+        how = "as their declared stiffness says" if springs else "as equally compliant ones do"
+        return f"wheels share the load {how}; ideal: where friction ends if they shared it in the best way"
 
     @property
     def not_covered(self) -> tuple[str, ...]:
@@ -356,7 +375,9 @@ class DriveEnvelope(SavedFolder):
         moving = "instants between the samples", "overshoot of the arm's acceleration steps"
         of_arm = ("motion of the arm",) if self.motion is None else moving
         steps = () if self.counting.overshoot else ("overshoot of an acceleration that sets in at once",)
-        return (*of_arm, *NOT_COVERED, *steps, *self.ignored)
+        unknown = np.isnan(self.nominal.lift).any()
+        share = ("how equally compliant wheels share the load",) if unknown else ()
+        return (*of_arm, *NOT_COVERED, *share, *steps, *self.ignored)
 
     @property
     def steps(self) -> str:
@@ -367,10 +388,9 @@ class DriveEnvelope(SavedFolder):
 
     @property
     def ignored(self) -> tuple[str, ...]:
-        """Deviations of the uncertainty that do not count, and the declared stiffness of contacts."""
+        """Deviations of the uncertainty that do not count."""
         given, counting = self.tolerance, self.counting.given
-        springs = ["the declared stiffness of the contacts"] if self.robot.support.elastic else []
-        return (*(str(given.only(name)) for name in given.given if name not in counting), *springs)
+        return tuple(str(given.only(name)) for name in given.given if name not in counting)
 
     def __repr__(self) -> str:
         """The scope, and the worst direction."""
@@ -405,6 +425,7 @@ class DriveEnvelope(SavedFolder):
             "stands": self.stands,
             "broken": list(self.broken),
             "scope": self.scope,
+            "sharing": self.sharing,
             "assumed": [ASSUMED, *self.robot.notes],
             "not_covered": list(self.not_covered),
             "tolerance": self.tolerance.to_dict(),
@@ -431,7 +452,17 @@ class DriveEnvelope(SavedFolder):
         if not lift and not np.isnan(self.worst.lift[: len(self.angles)]).any():
             lift = "no contact lifts before the base tips on level ground, if contacts are equally compliant"
         first = f"{self.name}: {self.scope}"
-        remarks = first, self.together, self.ground, edge, ASSUMED, self.reverse, lift, self.choice
+        remarks = (
+            first,
+            self.together,
+            self.ground,
+            edge,
+            ASSUMED,
+            self.sharing,
+            self.reverse,
+            lift,
+            self.choice,
+        )
         return smoother_yaml(remarks, self.navigation)
 
     def contents(self, figures: bool) -> dict[str, bytes]:

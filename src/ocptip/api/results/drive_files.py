@@ -11,18 +11,20 @@ import numpy as np
 
 from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres, Manoeuvre
 
-_COLUMNS = "largest", "tips_at", "slips_at", "first_contact_lifts_at"
+_COLUMNS = "largest", "tips_at", "slips_at", "slips_if_shared_ideally_at", "first_contact_lifts_at"
 
 
 def manoeuvre_limits(result: LargestManoeuvres, k: int, one: Manoeuvre) -> dict[str, Any]:
     """Largest value of manoeuvre k and what limits it, as plain data."""
     known, slips = bool(np.isfinite(result.lift[k])), result.slip[k] < result.tip[k]
+    friction = min(float(result.slip[k]), float(result.alike[k]))
     return {
         **({} if result.times is None else {"time_s": float(result.times[k])}),
         "largest": one.value(float(result.largest[k])),
         "tips_at": one.value(float(result.tip[k])),
         "first_contact_lifts_at": one.value(float(result.lift[k])) if known else None,
-        "slips_at": one.value(float(result.slip[k])) if slips else None,
+        "slips_at": one.value(friction) if friction < result.tip[k] else None,
+        "slips_if_shared_ideally_at": one.value(float(result.slip[k])) if slips else None,
         "tips_about_contacts": result.contacts[k].tolist() if result.contacts[k].any() else None,
     }
 

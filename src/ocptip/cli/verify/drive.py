@@ -65,6 +65,7 @@ class DriveReport(FolderReport):
             *under("stops", result.stops if result.stands else []),
             *([("steps", f"{result.steps}: counted in the worst case")] if result.steps else []),
             *(under("nav2.yaml", self._navigation()) if result.stands else []),
+            *([("wheels", result.sharing)] if result.sharing else []),
             *under("assumed", [ASSUMED, *brief_notes(result.robot.notes, self.verbose)]),
             *([("robot", masses(result.robot))] if self.verbose else []),
             *under("uncertainty", result.tolerance.lines() if self.verbose else []),
@@ -155,7 +156,10 @@ def _limit(largest_manoeuvres: LargestManoeuvres, k: int, one: Manoeuvre) -> str
 def _what(largest_manoeuvres: LargestManoeuvres, k: int, one: Manoeuvre) -> str:
     tips = one.value(float(largest_manoeuvres.tip[k]))
     when = "" if largest_manoeuvres.times is None else f" @{largest_manoeuvres.times[k]:.3f}s"
-    if largest_manoeuvres.slip[k] < largest_manoeuvres.tip[k]:
+    ideal = float(largest_manoeuvres.slip[k])
+    if largest_manoeuvres.alike[k] < min(ideal, largest_manoeuvres.tip[k]):
+        return f"friction{when or f' (ideal {_down(ideal)})'}"
+    if ideal < largest_manoeuvres.tip[k]:
         return f"friction{when}" if when or tips is None else f"friction (tips at {_down(tips)})"
     if not largest_manoeuvres.contacts[k].any():
         return ""

@@ -20,6 +20,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.contact.force_programs import LoadRays
+from ocptip.contact.support import Support
 from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, Uncertainty
@@ -31,6 +32,8 @@ LARGEST = 100.0
 """Largest parameter that is tried, m/s^2, rad/s or m/s: no ground vehicle gets there."""
 
 _ROUNDS = 12
+_SAME = 1e-6  # relative: friction that lasts so nearly until a wheel lifts does not end before
+_SIDES = 16  # directions in which a base may slide
 _CLOSE = 1e-9  # relative: a bound that falls by less is the result
 _STAYS = 4  # rounds in which a bound does not fall: in a corner of the cones deviations may take turns
 _HELD = 1 - 1e-9  # share of a load that counts as all of it
@@ -128,6 +131,8 @@ class LargestManoeuvres:
         lift: (P,) up to which no wheel lifts, if wheels are equally compliant; NaN where that is not known.
         slip: (P,) up to which friction holds; as large as `tip` where the base tips first.
         normals: (P, 6) of half spaces that limit the load there.
+        alike: (P,) up to which friction holds if wheels are equally compliant, or as stiff as declared;
+            `LARGEST` where it holds until one lifts, or where rigid wheels share the load in one way only.
         times: (P,) s, of the worst instant of a motion; None: of a posture.
     """
 
@@ -136,12 +141,13 @@ class LargestManoeuvres:
     lift: np.ndarray
     slip: np.ndarray
     normals: np.ndarray
+    alike: np.ndarray
     times: np.ndarray | None = None
 
     @property
     def largest(self) -> np.ndarray:
-        """(P,) up to which the contacts are maintained."""
-        return np.minimum(self.tip, self.slip)
+        """(P,) up to which the contacts are maintained, however the wheels share the load."""
+        return np.minimum(np.minimum(self.tip, self.slip), self.alike)
 
     def lower(self, other: LargestManoeuvres) -> LargestManoeuvres:
         """The lower limits of two families of each manoeuvre."""
@@ -150,7 +156,8 @@ class LargestManoeuvres:
         parts = {name: np.where(less, getattr(other, name), getattr(self, name)) for name, less in pairs}
         if self.times is not None and other.times is not None:
             parts["times"] = np.where(other.largest < self.largest, other.times, self.times)
-        return replace(self, **parts, lift=np.minimum(self.lift, other.lift))
+        least = {name: np.minimum(getattr(self, name), getattr(other, name)) for name in ("lift", "alike")}
+        return replace(self, **parts, **least)
 
     def at_worst(self, times: np.ndarray) -> LargestManoeuvres:
         """At the worst of K instants (P, K), s, of each manoeuvre; the present rows are at all of them."""
@@ -160,8 +167,8 @@ class LargestManoeuvres:
             return times.shape[1] * rows + np.argmin(values.reshape(times.shape), axis=1)
 
         tip, slip = least(self.tip), least(self.slip)
-        lift = np.min(self.lift.reshape(times.shape), axis=1)
-        parts = self.tip[tip], self.contacts[tip], lift, self.slip[slip], self.normals[slip]
+        lift, alike = (np.min(part.reshape(times.shape), axis=1) for part in (self.lift, self.alike))
+        parts = self.tip[tip], self.contacts[tip], lift, self.slip[slip], self.normals[slip], alike
         return LargestManoeuvres(*parts, times.ravel()[least(self.largest)])
 
 
@@ -191,14 +198,16 @@ def largest_manoeuvres(
     search = _ManoeuvreSearch(robot, q, manoeuvres, tolerance, interface)
     tip, contacts = search.tip()
     lift = search.lift(tip)
-    return LargestManoeuvres(tip, contacts, lift, *search.slip(tip, nominal and nominal.normals))
+    slip, normals = search.slip(tip, nominal and nominal.normals)
+    return LargestManoeuvres(tip, contacts, lift, slip, normals, search.alike(lift, slip, normals))
 
 
 def worst_states(robot: Robot, states: np.ndarray, manoeuvres: Manoeuvres, interface: int = 0) -> np.ndarray:
-    """(P, 3) numbers of the states in which the nominal base tips, slides and lifts a wheel first.
+    """(P, 4) numbers of the states in which the nominal base tips, slides, lifts a wheel, slides first.
 
-    Sliding is that of friction pyramids, lifting that of equally compliant wheels; where one of them is not
-    known, it is the state that tips first.
+    The first sliding is that of friction pyramids, lifting and the second sliding are those of equally
+    compliant wheels, sliding along or about some axes; where one of them is not known, it is the state that
+    tips first.
 
     Args:
         robot: on its base, with contacts on one plane.
@@ -214,16 +223,17 @@ def worst_states(robot: Robot, states: np.ndarray, manoeuvres: Manoeuvres, inter
     size = count * families
     off = np.zeros((size, search.deviations.size))
     polynomials = search.polynomials(np.arange(size), off, np.ones(size))
-    facets, normals = footing.slip.half_spaces(1.0), equal_normal_map(footing.support)
+    facets, normals = footing.slip.half_spaces(1.0), _normal_map(footing.support)
     slopes, offsets = footing.tip_over.affine_moments or (np.empty((0, 6)), np.empty(0))
-    rows = [slopes, None if facets is None else -facets, normals]
-    scalars = np.full((3, size), LARGEST)
+    slides = None if normals is None else _friction_beyond(footing.support, normals)
+    rows = [slopes, None if facets is None else -facets, normals, slides]
+    scalars = np.full((len(rows), size), LARGEST)
     for k, line in enumerate(rows):
         for number, row in enumerate(() if line is None else line):
             coefficients = polynomials @ row
             coefficients[:, 0] += offsets[number] if k == 0 else 0.0
             scalars[k] = np.minimum(scalars[k], first_zero(coefficients))
-    worst = np.argmin(scalars.reshape(3, families, count), axis=2)
+    worst = np.argmin(scalars.reshape(len(rows), families, count), axis=2)
     known = np.array([line is not None for line in rows])
     return np.where(known[:, None], worst, worst[0]).T
 
@@ -290,12 +300,10 @@ class _ManoeuvreSearch:
 
     def lift(self, tip: np.ndarray) -> np.ndarray:
         """(P,) parameters up to which no wheel lifts, see `LargestManoeuvres`."""
-        footing = self._cases.footing
-        if footing.slip.redistribution == "tangential":
-            return tip
-        normals = equal_normal_map(footing.support)
+        footing, normals = self._cases.footing, _normal_map(self._cases.footing.support)
         if normals is None:
-            return np.full(len(tip), np.nan)
+            unique = footing.slip.redistribution == "tangential"
+            return tip if unique else np.full(len(tip), np.nan)
         size = float(np.linalg.norm(footing.support.weight))
         return np.minimum(self._first(normals, np.zeros(len(normals)), size)[0], tip)
 
@@ -340,14 +348,27 @@ class _ManoeuvreSearch:
 
     # --- friction -----------------------------------------------------------------------------------------
 
-    def slip(self, most: np.ndarray, first: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    def alike(self, lift: np.ndarray, slip: np.ndarray, normals: np.ndarray) -> np.ndarray:
+        """(P,) parameters up to which friction holds, see `LargestManoeuvres`."""
+        if (normal_map := _normal_map(self._cases.footing.support)) is None:
+            return np.full(len(lift), LARGEST)
+        most = np.minimum(lift, slip)
+        values = self.slip(most, normals, normal_map)[0]
+        return np.where(values < most * (1 - _SAME), values, LARGEST)
+
+    def slip(
+        self, most: np.ndarray, first: np.ndarray | None, normal_map: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """(P,) parameters up to which the friction cones hold, at most those given, and normals (P, 6).
 
         Args:
             most: (P,).
             first: (P, 6) normals of half spaces, for which the first deviations are the worst.
+            normal_map: (n, 6) normal forces, N, per wrench, if springs determine them.
         """
-        rays, values, todo = LoadRays(self._cases.footing.support), most.copy(), np.arange(len(most))
+        rays = LoadRays(self._cases.footing.support, normal_map)
+        self._free = normal_map is None
+        values, todo = most.copy(), np.arange(len(most))
         off, held = np.zeros((len(most), self.deviations.size)), {}
         if first is not None:
             off = self._worst_for(todo, most, off, first)[0]
@@ -385,7 +406,7 @@ class _ManoeuvreSearch:
         start, slope, bend = coefficients
         key = start.tobytes()
         if key not in held:
-            inside = self._facets is not None and bool(np.all(self._facets @ start <= 0))
+            inside = self._free and self._facets is not None and bool(np.all(self._facets @ start <= 0))
             held[key] = (1.0, 0 * start) if inside else rays.farthest(0 * start, start)
         share, normal = held[key]
         if share < _HELD:
@@ -426,6 +447,30 @@ class _ManoeuvreSearch:
             theta = deviations.least(slopes)
             present, slopes = beyond(theta)
         return theta - nominal, present - before
+
+
+def _normal_map(support: Support) -> np.ndarray | None:
+    """(n, 6) normal forces, N, per wrench, of declared springs or of equally compliant wheels.
+
+    While all press. None where rigid wheels share the load in one way only, or where that is not known.
+    """
+    return support.elastic.normal_map if support.elastic else equal_normal_map(support)
+
+
+def _friction_beyond(support: Support, normal_map: np.ndarray) -> np.ndarray:
+    """(k, 6) functions of the wrench: by how much friction exceeds it along and about some axes, W.
+
+    Sliding with these velocities takes at least the friction of each contact times its speed.
+    """
+    normal, *tangents = support.frames[0].T
+    angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    along = np.column_stack([np.cos(angles), np.sin(angles)]) @ np.array(tangents)
+    centres = np.vstack([support.arms.mean(axis=0), support.arms])
+    about = [np.r_[-np.cross(sign * normal, arm), sign * normal] for arm in centres for sign in (1, -1)]
+    twists = np.vstack([np.hstack([along, np.zeros_like(along)]), about])
+    velocities = np.einsum("rw,wkc->rkc", twists, support.wrench_matrix.reshape(6, -1, 3))
+    slopes = np.array([contact.force_pieces()[0].slope for contact in support.contacts])
+    return (np.linalg.norm(velocities[:, :, 1:], axis=2) * slopes) @ normal_map - twists
 
 
 def _require_settled(left: np.ndarray) -> None:
