@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from ocptip.api.chart import halton_postures
 from ocptip.api.inputs.given import MotionLike, given_motion
 from ocptip.api.inputs.postures import RestingPosture, resting_posture
-from ocptip.api.results.drive import DriveArguments, DriveEnvelope
+from ocptip.api.results.drive import DriveEnvelope
+from ocptip.api.results.drive_arguments import DriveArguments
 from ocptip.api.tasks import TaskLike
 from ocptip.basics.errors import InputError, positive_number, whole_number
 from ocptip.motion.cycles.task import Task

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.api.results.drive_arguments import DriveArguments
 from ocptip.api.results.drive_files import limits_csv, manoeuvre_limits, smoother_yaml
 from ocptip.basics.errors import positive_number
 from ocptip.basics.outputs import SavedFolder
@@ -22,8 +23,8 @@ from ocptip.standing.at_rest.drive_envelope import (
     Manoeuvre,
     Manoeuvres,
     largest_manoeuvres,
-    worst_states,
 )
+from ocptip.standing.at_rest.drive_states import worst_states
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -33,18 +34,6 @@ _NOISE = 1e-9  # relative: a contact that lifts where the base tips
 _SAME = 1e-6  # relative: limits that differ by rounding
 _NONE = (0.0,)
 _SPACING = 0.02  # s: between instants of a motion
-
-
-@dataclass(frozen=True)
-class DriveArguments:
-    """Arguments of `drive`."""
-
-    directions: int
-    speed: float
-    turning: float
-    slope: float
-    deceleration: float | None
-    holonomic: bool
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,31 +75,10 @@ class DriveEnvelope(SavedFolder):
         """(D,) rad, directions of acceleration, from the x axis of the base to y."""
         return 2 * np.pi * np.arange(self.given.directions) / self.given.directions
 
-    @cached_property
+    @property
     def manoeuvres(self) -> tuple[Manoeuvre, ...]:
         """Those beside the directions."""
-        slope, turn = f"{np.degrees(self.given.slope):.4g} deg", f"{self.given.speed:.4g} m/s"
-        on_slopes = (
-            Manoeuvre("brake_downhill", f"brake downhill, {slope}"),
-            Manoeuvre("brake_uphill", f"brake uphill, {slope}"),
-            Manoeuvre("brake_across_left", f"brake, left {slope} down"),
-            Manoeuvre("brake_across_right", f"brake, right {slope} down"),
-        )
-        return (
-            Manoeuvre("accelerate", "accelerate forward"),
-            Manoeuvre("brake", "brake"),
-            Manoeuvre("left", "accelerate to the left"),
-            Manoeuvre("right", "accelerate to the right"),
-            *(on_slopes if self.given.slope else ()),
-            Manoeuvre("turn_left", f"turn left at {turn}", "rad/s"),
-            Manoeuvre("turn_right", f"turn right at {turn}", "rad/s"),
-            Manoeuvre("start_turning_left", "start to turn left", "rad/s^2"),
-            Manoeuvre("start_turning_right", "start to turn right", "rad/s^2"),
-            Manoeuvre("stop_left", "stop in a left turn"),
-            Manoeuvre("stop_right", "stop in a right turn"),
-            Manoeuvre("stop_speed_left", "speed for a stop, left", "m/s"),
-            Manoeuvre("stop_speed_right", "speed for a stop, right", "m/s"),
-        )
+        return self.given.manoeuvres
 
     @property
     def stops(self) -> tuple[str, str]:
@@ -362,12 +330,12 @@ class DriveEnvelope(SavedFolder):
 
     @property
     def sharing(self) -> str:
-        """How wheels share the load where they slide, in words; empty where there is one way."""
+        """How wheels share the load where they slide, in words; empty where only one is possible."""
         springs = self.robot.support.elastic
         if not springs and np.all(self.worst.alike >= LARGEST):
             return ""
         how = "as their declared stiffness says" if springs else "as equally compliant ones do"
-        return f"wheels share the load {how}; ideal: where friction ends if they shared it in the best way"
+        return f"wheels share the load {how}; ideal: where friction ends if they shared it optimally"
 
     @property
     def not_covered(self) -> tuple[str, ...]:

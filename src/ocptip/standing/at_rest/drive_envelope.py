@@ -33,7 +33,6 @@ LARGEST = 100.0
 
 _ROUNDS = 12
 _SAME = 1e-6  # relative: friction that lasts so nearly until a wheel lifts does not end before
-_SIDES = 16  # directions in which a base may slide
 _CLOSE = 1e-9  # relative: a bound that falls by less is the result
 _STAYS = 4  # rounds in which a bound does not fall: in a corner of the cones deviations may take turns
 _HELD = 1 - 1e-9  # share of a load that counts as all of it
@@ -132,7 +131,7 @@ class LargestManoeuvres:
         slip: (P,) up to which friction holds; as large as `tip` where the base tips first.
         normals: (P, 6) of half spaces that limit the load there.
         alike: (P,) up to which friction holds if wheels are equally compliant, or as stiff as declared;
-            `LARGEST` where it holds until one lifts, or where rigid wheels share the load in one way only.
+            `LARGEST` where it holds until one lifts, or where only one sharing of the load is possible.
         times: (P,) s, of the worst instant of a motion; None: of a posture.
     """
 
@@ -195,50 +194,14 @@ def largest_manoeuvres(
         InputError: contacts that do not lie on one plane, or whose set of forces is not convex.
         SolverError: upper bounds that did not settle.
     """
-    search = _ManoeuvreSearch(robot, q, manoeuvres, tolerance, interface)
+    search = ManoeuvreSearch(robot, q, manoeuvres, tolerance, interface)
     tip, contacts = search.tip()
     lift = search.lift(tip)
     slip, normals = search.slip(tip, nominal and nominal.normals)
     return LargestManoeuvres(tip, contacts, lift, slip, normals, search.alike(lift, slip, normals))
 
 
-def worst_states(robot: Robot, states: np.ndarray, manoeuvres: Manoeuvres, interface: int = 0) -> np.ndarray:
-    """(P, 4) numbers of the states in which the nominal base tips, slides, lifts a wheel, slides first.
-
-    The first sliding is that of friction pyramids, lifting and the second sliding are those of equally
-    compliant wheels, sliding along or about some axes; where one of them is not known, it is the state that
-    tips first.
-
-    Args:
-        robot: on its base, with contacts on one plane.
-        states: (N, 3 n), see `largest_manoeuvres`.
-        manoeuvres: P of them.
-        interface: see `largest_manoeuvres`.
-    """
-    footing = robot.interfaces[interface]
-    count, families = len(states), len(manoeuvres)
-    search = _ManoeuvreSearch(
-        robot, np.tile(states, (families, 1)), manoeuvres.repeated(count), Uncertainty(), interface
-    )
-    size = count * families
-    off = np.zeros((size, search.deviations.size))
-    polynomials = search.polynomials(np.arange(size), off, np.ones(size))
-    facets, normals = footing.slip.half_spaces(1.0), _normal_map(footing.support)
-    slopes, offsets = footing.tip_over.affine_moments or (np.empty((0, 6)), np.empty(0))
-    slides = None if normals is None else _friction_beyond(footing.support, normals)
-    rows = [slopes, None if facets is None else -facets, normals, slides]
-    scalars = np.full((len(rows), size), LARGEST)
-    for k, line in enumerate(rows):
-        for number, row in enumerate(() if line is None else line):
-            coefficients = polynomials @ row
-            coefficients[:, 0] += offsets[number] if k == 0 else 0.0
-            scalars[k] = np.minimum(scalars[k], first_zero(coefficients))
-    worst = np.argmin(scalars.reshape(len(rows), families, count), axis=2)
-    known = np.array([line is not None for line in rows])
-    return np.where(known[:, None], worst, worst[0]).T
-
-
-class _ManoeuvreSearch:
+class ManoeuvreSearch:
     """Upper bounds of the parameters that fall until the worst deviations keep them.
 
     Args:
@@ -300,7 +263,7 @@ class _ManoeuvreSearch:
 
     def lift(self, tip: np.ndarray) -> np.ndarray:
         """(P,) parameters up to which no wheel lifts, see `LargestManoeuvres`."""
-        footing, normals = self._cases.footing, _normal_map(self._cases.footing.support)
+        footing, normals = self._cases.footing, normal_map_of(self._cases.footing.support)
         if normals is None:
             unique = footing.slip.redistribution == "tangential"
             return tip if unique else np.full(len(tip), np.nan)
@@ -350,7 +313,7 @@ class _ManoeuvreSearch:
 
     def alike(self, lift: np.ndarray, slip: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """(P,) parameters up to which friction holds, see `LargestManoeuvres`."""
-        if (normal_map := _normal_map(self._cases.footing.support)) is None:
+        if (normal_map := normal_map_of(self._cases.footing.support)) is None:
             return np.full(len(lift), LARGEST)
         most = np.minimum(lift, slip)
         values = self.slip(most, normals, normal_map)[0]
@@ -449,28 +412,12 @@ class _ManoeuvreSearch:
         return theta - nominal, present - before
 
 
-def _normal_map(support: Support) -> np.ndarray | None:
+def normal_map_of(support: Support) -> np.ndarray | None:
     """(n, 6) normal forces, N, per wrench, of declared springs or of equally compliant wheels.
 
-    While all press. None where rigid wheels share the load in one way only, or where that is not known.
+    While all press. None where only one sharing is possible, or where it is not known.
     """
     return support.elastic.normal_map if support.elastic else equal_normal_map(support)
-
-
-def _friction_beyond(support: Support, normal_map: np.ndarray) -> np.ndarray:
-    """(k, 6) functions of the wrench: by how much friction exceeds it along and about some axes, W.
-
-    Sliding with these velocities takes at least the friction of each contact times its speed.
-    """
-    normal, *tangents = support.frames[0].T
-    angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
-    along = np.column_stack([np.cos(angles), np.sin(angles)]) @ np.array(tangents)
-    centres = np.vstack([support.arms.mean(axis=0), support.arms])
-    about = [np.r_[-np.cross(sign * normal, arm), sign * normal] for arm in centres for sign in (1, -1)]
-    twists = np.vstack([np.hstack([along, np.zeros_like(along)]), about])
-    velocities = np.einsum("rw,wkc->rkc", twists, support.wrench_matrix.reshape(6, -1, 3))
-    slopes = np.array([contact.force_pieces()[0].slope for contact in support.contacts])
-    return (np.linalg.norm(velocities[:, :, 1:], axis=2) * slopes) @ normal_map - twists
 
 
 def _require_settled(left: np.ndarray) -> None:
