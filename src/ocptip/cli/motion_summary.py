@@ -52,11 +52,20 @@ def notes(checked: MotionCheck) -> list[str]:
             "acceleration changes them"
         )
     if contacts.weak:
-        results.append(
-            f"weakly stable at {contacts.weak} sampled instants, first at {contacts.first_weak:.3f} s, as is "
-            "usual with casters: forces hold the base, but how rigid contacts share the load is open. With "
-            "another sharing it might move. Declare `stiffness` of the contacts to decide"
+        text = (
+            f"how rigid contacts share the load is open at {contacts.weak} sampled instants, first at "
+            f"{contacts.first_weak:.3f} s, as is usual with casters"
         )
+        equal = contacts.equal_friction
+        if equal and equal.value < 1:
+            text += (
+                f": the best sharing holds the base, equally compliant ones with {percent(equal.value)} of "
+            )
+            text += f"the friction {equal}; `stiffness` of the contacts declares others"
+        else:
+            text += ": forces hold the base, with another sharing it might move. Declare `stiffness` of the "
+            text += "contacts to decide"
+        results.append(text)
     if not collision["checked"]:
         results.append("collisions are not checked: no collision geometry")
     elif unseen := [" and ".join(pair) for pair in collision["unseen"]]:

@@ -17,6 +17,7 @@ from ocptip.motion.stops.check import Stops
 from ocptip.motion.stops.rules import SCENARIOS
 from ocptip.motion.tolerated import Tolerated
 from ocptip.motion.violations import RESULT_TITLES, broken_words
+from ocptip.standing.at_rest.loss_search import SLIPS_ALIKE
 from ocptip.standing.at_rest.sensitivity import Sensitivity
 from ocptip.standing.contact_margins import Margin
 from ocptip.standing.mechanism import StandingMechanism
@@ -270,7 +271,8 @@ def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
         else:
             lines.append(part)
     capped = [one for one in tolerated if one.at_most and one.quantity not in ("friction", "foot_stiffness")]
-    lines.append(f"until a contact is lost{'; >= : not searched further' if capped else ''};")
+    slips = ", or equally compliant feet slip" if any(SLIPS_ALIKE in one.how for one in tolerated) else ""
+    lines.append(f"until a contact is lost{slips}{'; >= : not searched further' if capped else ''};")
     torques = "other torques" if any(one.drives is not None for one in tolerated) else "torques"
     lines.append(f"not included: clearance, joint limits, {torques}")
     return [title + lines[0], *(" " * len(title) + line for line in lines[1:])]

@@ -24,6 +24,7 @@ from ocptip.numerics.bisection import bisected
 from ocptip.numerics.threads import one_thread
 from ocptip.reserves.slip import known
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.alike_friction import AlikeFriction
 from ocptip.standing.at_rest.directions import pushes, slopes, tilted
 from ocptip.standing.at_rest.load_cases import LinearLoads, MotionLoads, ObjectLoads
 from ocptip.standing.at_rest.loss_search import CLOSE, Deviation, Loads, LossSearch
@@ -195,8 +196,13 @@ class _Tolerating:
 
     def __init__(self, footing: Footing, parts: LinearLoads, times: np.ndarray) -> None:
         self._footing, self._parts, self._times = footing, parts, times
-        self._contacts = LossSearch(footing)
+        # Where equally compliant feet slip nominally, a headline says so, and the best sharing counts.
+        self._alike = AlikeFriction(footing).slips(parts.total()) is None
+        self._contacts = self._search(footing)
         self._what = "" if footing is parts.robot else f"{footing.name} "
+
+    def _search(self, footing: Footing) -> LossSearch:
+        return LossSearch(footing, AlikeFriction(footing) if self._alike else None)
 
     def largest(
         self,
@@ -246,7 +252,7 @@ class _Tolerating:
                 replace(c, friction=factor * c.friction) if isinstance(c, UnilateralContact) else c
                 for c in footing.support.contacts
             ]
-            return LossSearch(footing.on(footing.support.varied(changed))).lost(wrenches)
+            return self._search(footing.on(footing.support.varied(changed))).lost(wrenches)
 
         def near(low: float, high: float) -> bool:
             return high - low <= 0.5 * CLOSE or high <= 1e-3

@@ -17,6 +17,7 @@ from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Slip, SlipReserve
 
+_SIDES = 16  # directions in which a base may slide
 _LIFTED = 1e-6  # of the weight: a foot that would pull so little is at rounding
 
 
@@ -104,6 +105,36 @@ def equal_normal_map(support: Support) -> np.ndarray | None:
     """(n, w): normal forces, N, per wrench if equally compliant feet all pressed; None as `equal_sharing`."""
     slip = _equal_slip(support)
     return slip and slip.support.elastic and slip.support.elastic.normal_map
+
+
+def normal_map_of(support: Support) -> np.ndarray | None:
+    """(n, 6) normal forces, N, per wrench, of declared springs or of equally compliant wheels.
+
+    While all press. None where only one sharing is possible, or where it is not known.
+    """
+    return support.elastic.normal_map if support.elastic else equal_normal_map(support)
+
+
+def slides_beyond(support: Support, normal_map: np.ndarray, share: float = 1.0) -> np.ndarray:
+    """(k, 6) functions of the wrench, positive where the base slides along or about some axes.
+
+    Sliding with these velocities takes at least the friction of each contact times its speed. Motions between
+    these are not looked at: where no function is positive the base may slide nevertheless.
+
+    Args:
+        support: spatial.
+        normal_map: (n, 6) normal forces, N, per wrench.
+        share: of the friction that is enough.
+    """
+    normal, *tangents = support.frames[0].T
+    angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    along = np.column_stack([np.cos(angles), np.sin(angles)]) @ np.array(tangents)
+    centres = np.vstack([support.arms.mean(axis=0), support.arms])
+    about = [np.r_[-np.cross(sign * normal, arm), sign * normal] for arm in centres for sign in (1, -1)]
+    twists = np.vstack([np.hstack([along, np.zeros_like(along)]), about])
+    velocities = np.einsum("rw,wkc->rkc", twists, support.wrench_matrix.reshape(6, -1, 3))
+    slopes = np.array([contact.force_pieces()[0].slope for contact in support.contacts])
+    return twists - share * (np.linalg.norm(velocities[:, :, 1:], axis=2) * slopes) @ normal_map
 
 
 def face_each_other(support: Support) -> bool:

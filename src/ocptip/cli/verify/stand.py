@@ -352,7 +352,8 @@ def _slope_text(slope: FloorSlope) -> str:
     angle = quantity(float(np.degrees(slope.angle)), "deg", 3)
     if not slope.loss:
         return f">= {angle} of the floor in any direction, nominal"
-    about = f" about contacts {' and '.join(map(str, slope.contacts))}" if slope.contacts else ""
+    about = " if its feet are equally compliant" * slope.alike
+    about += f" about contacts {' and '.join(map(str, slope.contacts))}" if slope.contacts else ""
     downhill = f"downhill {towards(slope.downhill)}"
     also = ""
     if slope.loss != "tips" and slope.tips is not None:

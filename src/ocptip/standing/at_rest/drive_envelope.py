@@ -20,8 +20,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.contact.force_programs import LoadRays
-from ocptip.contact.support import Support
-from ocptip.reserves.equal_compliance import equal_normal_map
+from ocptip.reserves.equal_compliance import normal_map_of
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.standing.within.deviations import Deviations
@@ -410,14 +409,6 @@ class ManoeuvreSearch:
             theta = deviations.least(slopes)
             present, slopes = beyond(theta)
         return theta - nominal, present - before
-
-
-def normal_map_of(support: Support) -> np.ndarray | None:
-    """(n, 6) normal forces, N, per wrench, of declared springs or of equally compliant wheels.
-
-    While all press. None where only one sharing is possible, or where it is not known.
-    """
-    return support.elastic.normal_map if support.elastic else equal_normal_map(support)
 
 
 def _require_settled(left: np.ndarray) -> None:

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.contact.support import Support
+from ocptip.reserves.equal_compliance import normal_map_of, slides_beyond
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.drive_envelope import (
     LARGEST,
     Manoeuvres,
     ManoeuvreSearch,
     first_zero,
-    normal_map_of,
 )
 from ocptip.standing.tolerance import Uncertainty
-
-_SIDES = 16  # directions in which a base may slide
 
 
 def worst_states(robot: Robot, states: np.ndarray, manoeuvres: Manoeuvres, interface: int = 0) -> np.ndarray:
@@ -41,7 +38,7 @@ def worst_states(robot: Robot, states: np.ndarray, manoeuvres: Manoeuvres, inter
     polynomials = search.polynomials(np.arange(size), off, np.ones(size))
     facets, normals = footing.slip.half_spaces(1.0), normal_map_of(footing.support)
     slopes, offsets = footing.tip_over.affine_moments or (np.empty((0, 6)), np.empty(0))
-    slides = None if normals is None else _friction_beyond(footing.support, normals)
+    slides = None if normals is None else -slides_beyond(footing.support, normals)
     rows = [slopes, None if facets is None else -facets, normals, slides]
     scalars = np.full((len(rows), size), LARGEST)
     for k, line in enumerate(rows):
@@ -52,19 +49,3 @@ def worst_states(robot: Robot, states: np.ndarray, manoeuvres: Manoeuvres, inter
     worst = np.argmin(scalars.reshape(len(rows), families, count), axis=2)
     known = np.array([line is not None for line in rows])
     return np.where(known[:, None], worst, worst[0]).T
-
-
-def _friction_beyond(support: Support, normal_map: np.ndarray) -> np.ndarray:
-    """(k, 6) functions of the wrench: by how much friction exceeds it along and about some axes, W.
-
-    Sliding with these velocities takes at least the friction of each contact times its speed.
-    """
-    normal, *tangents = support.frames[0].T
-    angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
-    along = np.column_stack([np.cos(angles), np.sin(angles)]) @ np.array(tangents)
-    centres = np.vstack([support.arms.mean(axis=0), support.arms])
-    about = [np.r_[-np.cross(sign * normal, arm), sign * normal] for arm in centres for sign in (1, -1)]
-    twists = np.vstack([np.hstack([along, np.zeros_like(along)]), about])
-    velocities = np.einsum("rw,wkc->rkc", twists, support.wrench_matrix.reshape(6, -1, 3))
-    slopes = np.array([contact.force_pieces()[0].slope for contact in support.contacts])
-    return (np.linalg.norm(velocities[:, :, 1:], axis=2) * slopes) @ normal_map - twists

@@ -9,12 +9,13 @@ import numpy as np
 
 from ocptip.numerics.bisection import bisected
 from ocptip.reserves.slip import Slip
+from ocptip.standing.at_rest.alike_friction import AlikeFriction, beyond
 from ocptip.standing.at_rest.directions import NO_DIRECTION, Directions
 from ocptip.standing.footing import Footing
 
 CLOSE = 2e-3  # of a level: how near the bisection gets
+SLIPS_ALIKE = "slips if equally compliant"
 _FIRST = 20  # wrenches beyond half spaces that are solved before the others
-_NEIGHBOURS = 32  # wrenches that share a box
 
 Loads = Callable[[float], np.ndarray]
 """Wrenches (N, 6) on the base at a level of a deviation."""
@@ -52,18 +53,33 @@ class LargestLevel:
 
 
 class LossSearch:
-    """Says whether contacts of a base hold; finds the largest level at which all do."""
+    """Says whether contacts of a base hold; finds the largest level at which all do.
 
-    def __init__(self, footing: Footing) -> None:
+    Args:
+        footing: the base on its contacts.
+        alike: the friction of equally compliant feet, if it has to be enough as well.
+    """
+
+    def __init__(self, footing: Footing, alike: AlikeFriction | None = None) -> None:
         support, tip_over, slip = footing.support, footing.tip_over, footing.slip
         self._footing = footing
         self._quick = Slip(support, "tangential")
         affine = not tip_over.free_rotation and len(tip_over.axes) > 0 and support.elastic is None
         self._moments = tip_over.affine_moments if affine else None
         self._held = slip.half_spaces(1.0) if affine else None
+        self._alike, self._predicting = alike, self._held
+        if alike and alike.slides is not None and self._held is not None:
+            self._predicting = np.vstack([self._held, alike.slides])
 
     def lost(self, wrenches: np.ndarray) -> tuple[int, str] | None:
         """Row of the worst wrench under which a contact is lost, and how; None if none is."""
+        if (result := self._lost(wrenches)) is not None or self._alike is None:
+            return result
+        row = self._alike.slips(wrenches)
+        return None if row is None else (row, SLIPS_ALIKE)
+
+    def _lost(self, wrenches: np.ndarray) -> tuple[int, str] | None:
+        """The same for the sharing of the load that loses no contact, if there is one."""
         if self._moments is None or self._held is None:
             return self._solved(wrenches)
         slope, offset = self._moments
@@ -103,7 +119,7 @@ class LossSearch:
         Half spaces are convex: wrenches within them at the levels zero and `level` are so between. The others
         decide; forces are solved for the farthest only.
         """
-        if (held := self._held) is None:
+        if (held := self._predicting) is None:
             return None
         rows = np.sort(beyond(held, loads(level)))
 
@@ -158,17 +174,3 @@ class LossSearch:
 
         directions.search(narrow, narrow(directions.sides))
         return LargestLevel(float(best), row, how)
-
-
-def beyond(half_spaces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
-    """Rows of wrenches (N, 6) that are beyond half spaces a . w <= 0, the farthest first.
-
-    Boxes around neighbours, which are alike, are looked at first: most are inside with all their corners.
-    """
-    starts = np.arange(0, len(wrenches), _NEIGHBOURS)
-    low, high = np.minimum.reduceat(wrenches, starts), np.maximum.reduceat(wrenches, starts)
-    most = 0.5 * ((low + high) @ half_spaces.T + (high - low) @ np.abs(half_spaces).T)
-    near = np.repeat(np.max(most, axis=1) > 0, _NEIGHBOURS)[: len(wrenches)]
-    rows = np.flatnonzero(near)
-    outside = np.max(wrenches[rows] @ half_spaces.T, axis=1, initial=-np.inf)
-    return rows[np.argsort(-outside, kind="stable")[: np.count_nonzero(outside > 0)]]

@@ -11,6 +11,7 @@ import numpy as np
 from ocptip.contact.support import Load, Support
 from ocptip.contact.verdict import equilibrium
 from ocptip.numerics.bisection import border
+from ocptip.standing.at_rest.alike_friction import AlikeFriction
 from ocptip.standing.at_rest.directions import AROUND, slopes, tilted
 from ocptip.standing.footing import Footing
 
@@ -31,6 +32,7 @@ class FloorSlope:
         contacts: of the axis about which it tips, from 1.
         tips: rad, the smallest slope on which it tips if friction holds; None off one plane, and where it
             does on none up to `MOST_TILT`.
+        alike: it slides there if its feet are equally compliant; rigid ones could hold it.
     """
 
     angle: float
@@ -38,12 +40,14 @@ class FloorSlope:
     loss: str
     contacts: tuple[int, ...] = ()
     tips: float | None = None
+    alike: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, the angle in degrees."""
         angle = {"angle_deg": float(np.degrees(self.angle)), "downhill": self.downhill.tolist()}
         tips = None if self.tips is None else float(np.degrees(self.tips))
-        return {**angle, "loss": self.loss or None, "contacts": list(self.contacts), "tips_at_deg": tips}
+        how = {"loss": self.loss or None, "if_equally_compliant": self.alike}
+        return {**angle, **how, "contacts": list(self.contacts), "tips_at_deg": tips}
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,16 +109,23 @@ def largest_slope(
         wrench: (6,) on the base under a gravity (3,).
     """
 
-    def kept(side: np.ndarray, angle: float) -> bool:
-        load = wrench(tilted(gravity, side, angle))
+    def holds(load: np.ndarray) -> bool:
         if not equilibrium(footing.support, load).stands:
             return False
         # Springs decide how the load is shared, and so how much friction there is.
         springs = footing.support.elastic and footing.contact_states(load[None])
         return not springs or bool(footing.slip.evaluate(springs, derivatives=False).GT[0] < 1)
 
-    if not kept(np.zeros(3), 0.0):
+    if not holds(wrench(gravity)):
         return None
+    # Where equally compliant feet slip without a slope, the verdict says so, and the best sharing counts.
+    every = AlikeFriction(footing)
+    alike = every if every.slips(wrench(gravity)[None]) is None else None
+
+    def kept(side: np.ndarray, angle: float) -> bool:
+        load = wrench(tilted(gravity, side, angle))
+        return holds(load) and (alike is None or alike.slips(load[None]) is None)
+
     angle, worst = MOST_TILT, None
 
     def narrow(sides: np.ndarray) -> np.ndarray | None:
@@ -131,9 +142,10 @@ def largest_slope(
     directions.search(narrow, narrow(sides), _CLOSER)
     if worst is None:
         return FloorSlope(angle, np.zeros(3), "")
-    loss, contacts = _loss(footing, wrench(tilted(gravity, worst, angle + 2 * _CLOSE)))
+    beyond = wrench(tilted(gravity, worst, angle + 2 * _CLOSE))
+    loss, contacts = _loss(footing, beyond)
     tips = angle if loss == "tips" else _tips(footing, gravity, wrench, sides)
-    return FloorSlope(angle, worst, loss, contacts, tips)
+    return FloorSlope(angle, worst, loss, contacts, tips, loss == "slides" and holds(beyond))
 
 
 def _tips(

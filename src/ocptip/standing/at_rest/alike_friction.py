@@ -1,0 +1,54 @@
+"""Whether equally compliant feet slip where another sharing of the load would hold the base."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocptip.reserves.equal_compliance import equal_normal_map, equal_sharing, slides_beyond
+from ocptip.standing.footing import Footing
+
+_ENOUGH = 0.7  # of the friction along and about some axes: then all of it is enough about every axis
+_FIRST = 20  # wrenches that are solved before the others
+_NEIGHBOURS = 32  # wrenches that share a box
+
+
+class AlikeFriction:
+    """The friction of equally compliant feet under wrenches; without effect where it is no matter of these.
+
+    Args:
+        footing: a base on its contacts.
+
+    Attributes:
+        slides: (k, 6) functions of the wrench, positive where such feet slide; None: see `equal_sharing`.
+    """
+
+    def __init__(self, footing: Footing) -> None:
+        self._footing, self.slides, support = footing, None, footing.support
+        normal_map = equal_normal_map(support) if support.dimension == 3 else None
+        if normal_map is not None:
+            self.slides = slides_beyond(support, normal_map)
+            self._doubtful = np.vstack([slides_beyond(support, normal_map, _ENOUGH), -normal_map])
+
+    def slips(self, wrenches: np.ndarray) -> int | None:
+        """Row of one of the wrenches (N, 6) under which such feet slip or lose the base; None: under none."""
+        if self.slides is None:
+            return None
+        for rows in np.split(beyond(self._doubtful, wrenches), [_FIRST]):  # most slip among the first
+            equal = equal_sharing(self._footing.contact_states(wrenches[rows])) if len(rows) else None
+            if equal is not None and not np.all(equal.stands):
+                return int(rows[np.argmax(np.nan_to_num(equal.GT, nan=np.inf))])
+        return None
+
+
+def beyond(half_spaces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
+    """Rows of wrenches (N, 6) that are beyond half spaces a . w <= 0, the farthest first.
+
+    Boxes around neighbours, which are alike, are looked at first: most are inside with all their corners.
+    """
+    starts = np.arange(0, len(wrenches), _NEIGHBOURS)
+    low, high = np.minimum.reduceat(wrenches, starts), np.maximum.reduceat(wrenches, starts)
+    most = 0.5 * ((low + high) @ half_spaces.T + (high - low) @ np.abs(half_spaces).T)
+    near = np.repeat(np.max(most, axis=1) > 0, _NEIGHBOURS)[: len(wrenches)]
+    rows = np.flatnonzero(near)
+    outside = np.max(wrenches[rows] @ half_spaces.T, axis=1, initial=-np.inf)
+    return rows[np.argsort(-outside, kind="stable")[: np.count_nonzero(outside > 0)]]

@@ -1,0 +1,55 @@
+"""Wheels amid casters: equally compliant ones slip long before the best sharing of the load does."""
+
+import numpy as np
+import pytest
+
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.support import Support
+from ocptip.motion.tolerated import tolerated
+from ocptip.reserves.equal_compliance import equal_sharing
+from ocptip.standing.at_rest.alike_friction import AlikeFriction
+from ocptip.standing.at_rest.slope import largest_slope, tilted_wrench
+from ocptip.standing.footing import Footing
+from ocptip.trajectories.trajectory import Trajectory
+from tests.standing.test_base_motion import carried
+
+FRICTION = 0.6
+
+
+def on_wheels(height: float, shift: float = 0.0) -> Support:
+    """Two wheels in the middle of four casters."""
+    wheels = [UnilateralContact(position=[shift, y, 0], friction=FRICTION) for y in (-0.22, 0.22)]
+    places = [[x, y, 0] for x in (-0.3, 0.3) for y in (-0.2, 0.2)]
+    casters = [UnilateralContact(position=place, friction=0.0) for place in places]
+    return Support([*wheels, *casters], mass=59.0, center_of_mass=[0, 0, height])
+
+
+def test_a_slope_leaves_the_wheels_a_third_of_the_weight():
+    support = on_wheels(1e-4)
+    found = largest_slope(Footing(support), support.gravity, tilted_wrench(support, ()))
+    assert found is not None
+    assert found.angle == pytest.approx(np.arctan(FRICTION / 3), abs=2e-4)
+    assert (found.loss, found.alike) == ("slides", True)
+
+
+def test_the_floor_may_tilt_as_much_under_a_motion():
+    robot = carried(on_wheels(1e-4))
+    rests = Trajectory.from_points(np.array([0.0, 0.1]), np.zeros((2, 1)))
+    found = {one.quantity: one for one in tolerated(robot, rests)}
+    assert found["tilt"].value == pytest.approx(np.degrees(np.arctan(FRICTION / 3)), rel=3e-3)
+    assert found["tilt"].how.endswith("slips if equally compliant")
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.1])
+def test_what_is_not_solved_is_held(shift):
+    """Each of some wrenches alone: the functions that leave states out agree with their forces."""
+    support, rng = on_wheels(0.3, shift), np.random.default_rng(0)
+    footing = Footing(support)
+    every, weight = AlikeFriction(footing), 59.0 * 9.81
+    wrenches = np.tile(support.weight, (300, 1))
+    wrenches += weight * rng.normal(size=(300, 6)) * [0.1, 0.1, 0.05, 0.04, 0.04, 0.02]
+    equal = equal_sharing(footing.contact_states(wrenches))
+    assert equal is not None
+    assert 60 < np.count_nonzero(equal.stands) < 240
+    for wrench, stands in zip(wrenches, equal.stands, strict=True):
+        assert (every.slips(wrench[None]) is None) == stands
