@@ -6,22 +6,22 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 
 from ocptip.api.inputs.given import MotionLike, ProfileLike, driven, driving, task_of_motion
+from ocptip.api.methods import proved_runs
 from ocptip.api.plan import base_alone
 from ocptip.api.results.plan import Plan, silent
 from ocptip.api.tasks import Base, TaskLike, load_task
 from ocptip.basics.errors import InputError, naming, positive_number
-from ocptip.certificate.checks import certified
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import cycle_check
 from ocptip.motion.cycles.task import CycleTask, refuse_driving, refuse_objects
-from ocptip.motion.files.execution import Execution, execute, slowed_as_needed, slower_to_prove
+from ocptip.motion.files.execution import Execution, execute, slowed_as_needed
 from ocptip.motion.files.plan_files import run_by
 from ocptip.motion.files.source import source_of
 from ocptip.motion.motion_plan import MotionPlan
@@ -29,6 +29,7 @@ from ocptip.motion.objective import TIME, objective_of
 from ocptip.motion.stops.check import cancels_by_segment
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import robustness
+from ocptip.numerics.time_limit import TimeBudget
 from ocptip.pictures.phase_plane import draw_phase_plane
 from ocptip.retiming.retime import Retimed
 from ocptip.retiming.retime import retime as time_path
@@ -74,9 +75,10 @@ class Timing:
         controller: Controller,
         rate: float | None,
         stage: Callable[[str], None],
-        base: BaseLimits | None = None,
+        base: BaseLimits | None,
+        budget: TimeBudget,
     ) -> Timing:
-        """Time a path; arguments are those of :func:`retime`."""
+        """Time a path; arguments are those of :func:`retime`, `budget` is for the proof."""
         robot, limits = task.robot, task.limits
         stage("timing the path ...")
         most = None if jerk is None else jerk * np.where(np.array(robot.units) == "rad", np.pi / 180, 1.0)
@@ -101,13 +103,11 @@ class Timing:
             assert profile is not None  # its base drives
             task = driven(task, profile)
             fit, robot = fit.some(slice(len(POSE), None)), task.robot
-        stage("proving the timing ...")
-        checked = certified(robot, execution.motion, execution.check, limits)
-        execution = replace(execution, check=checked)
-        if base is None:
-            execution = slower_to_prove(robot, timed.motion, limits, execution, certified)
         before = None if task.reference is None else check_motion(robot, task.reference, limits)
-        return cls(task, fit, timed, execution, before)
+        timing = cls(task, fit, timed, execution, before)
+        stage("proving the timing ...")
+        (execution,) = proved_runs(timing.plan, [execution], budget)
+        return replace(timing, execution=execution)
 
     @property
     def plan(self) -> MotionPlan:
@@ -221,6 +221,7 @@ def retime(
     path_tolerance: float | None = None,
     controller: Controller = "cubic",
     rate: float | None = None,
+    seconds: float | None = None,
     unit: str | None = None,
     columns: Mapping[str, str | int] | None = None,
     topic: str | None = None,
@@ -245,6 +246,8 @@ def retime(
         path_tolerance: degrees (sliding joints, tool lines: mm), by which the path may be off what is given.
         controller: what runs it; "quintic" needs `jerk`.
         rate: points per second for the controller.
+        seconds: of wall time, after which the proof, robustness and cancels are left out; a user's interrupt
+            ends them, too. The timing and its check are always complete.
         unit, columns, topic: of a CSV file or a bag, see `ocptip.trajectories.read.load_motion`.
         stage: called with what is done next.
 
@@ -253,7 +256,12 @@ def retime(
     """
     if controller == "quintic" and jerk is None:
         raise InputError("controller: quintics need --jerk; without it accelerations have steps")
-    for name, value in (("rate", rate), ("jerk", jerk), ("max_duration", max_duration)):
+    for name, value in (
+        ("rate", rate),
+        ("jerk", jerk),
+        ("max_duration", max_duration),
+        ("seconds", seconds),
+    ):
         if value is not None:
             positive_number(name, value)
     limits_of_base = BaseLimits.of(base_limits) if isinstance(base_limits, str) else base_limits
@@ -282,7 +290,8 @@ def retime(
     most: dict[str, float] = {}
     if max_duration is not None:
         most = {"min_duration": 0.0, "max_duration": max_duration}
-    timings = []
+    timings, budget = [], TimeBudget(seconds)
+    how = jerk, controller, rate, stage or silent, limits_of_base, budget
     for segment, fit, motion in zip(task.segments, given.paths, motions, strict=True):
         columns_of_arm = slice(-segment.task.robot.n, None)
         ends = {"start": fit.path.start[columns_of_arm], "goal": fit.path.goal[columns_of_arm]}
@@ -291,7 +300,7 @@ def retime(
         asked = replace(segment.task, **ends, limits=limits, objective=goal)
         where = f"{name} (segment {segment.name})" if task.is_cycle else name
         with naming(where), _naming_base(asked):
-            timings.append(Timing.of(asked, fit, jerk, controller, rate, stage or silent, limits_of_base))
+            timings.append(Timing.of(asked, fit, *how))
     planned = _cycle(cast(CycleTask, task), timings) if task.is_cycle else timings[0].plan
     executions = tuple(timing.execution for timing in timings)
     motion = run_by(planned, executions)
@@ -302,8 +311,11 @@ def retime(
         timings=tuple(timings),
         task=planned.task,
         checked=checked,
-        robustness=robustness(planned.task, motion),
-        cancels=cancels_by_segment(planned.task, motion),
+        robustness=budget.within(partial(robustness, planned.task, motion), (), "robustness"),
+        cancels=budget.within(
+            partial(cancels_by_segment, planned.task, motion), {}, "safe decelerations of cancels"
+        ),
+        left_out=tuple(budget.left_out),
     )
 
 

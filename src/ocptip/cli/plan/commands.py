@@ -164,6 +164,15 @@ COMMANDS = (
                 EFFORT,
             ),
             LIMITS,
+            group(
+                "time",
+                argument(
+                    "--seconds",
+                    "S",
+                    "time until proof, robustness and cancels are left out, s; Ctrl-C leaves them out, too",
+                    type=float,
+                ),
+            ),
             group("a base that drives", drive_profile(), BASE_LIMITS),
             group("format of the path", UNIT, COLUMNS, TOPIC),
             GATE,

@@ -77,7 +77,11 @@ class PlanReport(GatedReport):
         more = [self._interrupted()] if motion.interrupted and SLOW not in motion.options else []
         slow = zip(plan.task.segments, motion.parts, strict=False)
         more += [f"{_SLOWLY}{_of(segment.name)}" for segment, part in slow if SLOW in part.options]
-        more += [f"not done, the time was up: {', '.join(plan.left_out)}"] if plan.left_out else []
+        more += (
+            [f"not complete, the time was up or it was interrupted: {', '.join(plan.left_out)}"]
+            if plan.left_out
+            else []
+        )
         parts = zip(plan.task.segments, motion.parts, strict=False)
         more += [f"{_path(item)}{_of(s.name)}" for s, item in parts if "path" in item.options]
         parts = zip(plan.task.segments, motion.parts, strict=False)

@@ -37,16 +37,15 @@ def run(options: Namespace) -> Report:
     """Time the path; one that cannot be timed is bad input, and the message says where and why."""
     read_gate(options)
     refuse_early(options.motion)  # the task may have to be compiled first
-    with naming_options(
-        *typed(options, "base", "drive_profile", "base_limits", "controller", "rate", "jerk", "max_duration")
-    ):
+    names = "seconds base drive_profile base_limits controller rate jerk max_duration"
+    with naming_options(*typed(options, *names.split())):
         asked = options.case or options.task
         task, path = task_of_motion(options.motion, asked, options.base)
         task = load_task(task, **given_limits(options))
         directory = output_directory(options, task.name, task.source)
         with Progress(sys.stderr, "reading the path ...") as progress:
             same = "drive_profile base_limits objective price_per_second max_duration jerk path_tolerance "
-            same += "controller rate unit topic"
+            same += "controller rate seconds unit topic"
             columns = read_columns(options.columns)
             plan = retime(task, path, **taken(options, same), columns=columns, stage=progress.stage)
     digest = "" if task.is_cycle else None
