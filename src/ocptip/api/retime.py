@@ -247,7 +247,7 @@ def retime(
         controller: what runs it; "quintic" needs `jerk`.
         rate: points per second for the controller.
         seconds: of wall time, after which the proof, robustness and cancels are left out; a user's interrupt
-            ends them, too. The timing and its check are always complete.
+            also ends them. The timing and its check are always complete.
         unit, columns, topic: of a CSV file or a bag, see `ocptip.trajectories.read.load_motion`.
         stage: called with what is done next.
 

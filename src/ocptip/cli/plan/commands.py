@@ -169,7 +169,7 @@ COMMANDS = (
                 argument(
                     "--seconds",
                     "S",
-                    "time until proof, robustness and cancels are left out, s; Ctrl-C leaves them out, too",
+                    "time until proof, robustness and cancels are left out, s; so does Ctrl-C",
                     type=float,
                 ),
             ),

@@ -143,7 +143,9 @@ class SafeDecelerations:
             least, greatest = -rounded_down(-100 * self.minimum), rounded_down(100 * self.maximum)
             safe = f"{least:g} to {greatest:g} %" if least < greatest else f"about {greatest:g} %"
             each = " by joint" if len(set(self.full)) > 1 and not self.together else ""
-            kept = f"safe at {safe} of {of}, at most {self.deceleration(self.maximum)}{each}"
+            most = self.deceleration(self.maximum) + each
+            most = f"{most}, harder ones were not tried" if hardest.safe else f"at most {most}"
+            kept = f"safe at {safe} of {of}, {most}"
         gentlest = self.levels[-1]
         if self.minimum is not None:  # why no gentler one is safe
             gentlest = next((level for level in self.levels if level.share < self.minimum), hardest)
