@@ -25,7 +25,12 @@ def notes(checked: MotionCheck) -> list[str]:
     """Remarks that limit the answer: assumptions about shared forces, and what was not checked."""
     contacts, collision, results = checked.contacts, checked.collision, []
     if not contacts.unique and contacts.force:
-        results.append("rigid feet can share the load differently; foot forces are of equally compliant feet")
+        text = "rigid feet can share the load differently; foot forces are of equally compliant feet"
+        equal, worst = contacts.equal_friction, checked.within and checked.within.alike_friction
+        if equal and equal.value < 1:
+            case = f", {percent(worst.value)} in the worst case" if worst else ""
+            text += f", which use {percent(equal.value)} of their friction{case}"
+        results.append(text)
     if contacts.alike and contacts.alike.value < 0:
         results.append(
             f"an equally compliant foot lifts {contacts.alike}; the other feet hold the base. "
@@ -56,12 +61,8 @@ def notes(checked: MotionCheck) -> list[str]:
             f"how rigid contacts share the load is open at {contacts.weak} sampled instants, first at "
             f"{contacts.first_weak:.3f} s, as is usual with casters"
         )
-        equal = contacts.equal_friction
-        if equal and equal.value < 1:
-            text += (
-                f": the best sharing holds the base, equally compliant ones with {percent(equal.value)} of "
-            )
-            text += f"the friction {equal}; `stiffness` of the contacts declares others"
+        if contacts.equal_friction and contacts.equal_friction.value < 1:
+            text += ": equally compliant ones hold the base, `stiffness` of the contacts declares others"
         else:
             text += ": forces hold the base, with another sharing it might move. Declare `stiffness` of the "
             text += "contacts to decide"

@@ -211,6 +211,9 @@ class MotionCheck:
         differs, alike = self.contacts.differs, self.within and self.within.alike
         if not differs and alike and alike.value < 0:
             differs = f"with equally compliant feet {alike.where} may lift within the uncertainty"
+        friction = self.within and self.within.alike_friction
+        if not differs and friction and friction.value >= 1:
+            differs = "equally compliant feet may slip within the uncertainty"
         return f", BUT {differs}" if differs else ""
 
     @property

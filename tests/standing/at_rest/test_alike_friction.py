@@ -10,6 +10,8 @@ from ocptip.reserves.equal_compliance import equal_sharing
 from ocptip.standing.at_rest.alike_friction import AlikeFriction
 from ocptip.standing.at_rest.slope import largest_slope, tilted_wrench
 from ocptip.standing.footing import Footing
+from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.within.in_motion import worst_within
 from ocptip.trajectories.trajectory import Trajectory
 from tests.standing.test_base_motion import carried
 
@@ -38,6 +40,15 @@ def test_the_floor_may_tilt_as_much_under_a_motion():
     found = {one.quantity: one for one in tolerated(robot, rests)}
     assert found["tilt"].value == pytest.approx(np.degrees(np.arctan(FRICTION / 3)), rel=3e-3)
     assert found["tilt"].how.endswith("slips if equally compliant")
+
+
+def test_the_worst_case_of_a_tilt_and_less_friction_is_that_by_hand():
+    robot, tilt = carried(on_wheels(1e-4)), np.radians(2.0)
+    rests = Trajectory.from_points(np.array([0.0, 0.1]), np.zeros((2, 1)))
+    found = worst_within(robot, rests, Uncertainty(tilt=tilt, friction=0.2), np.array([0.0]))
+    assert found.alike_friction is not None
+    assert found.alike_friction.value == pytest.approx(3 * np.tan(tilt) / (0.8 * FRICTION), rel=2e-3)
+    assert found.slip.value < 0.6 * found.alike_friction.value
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.1])

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.text import margin_text, quantity
-from ocptip.reserves.equal_compliance import equal_normal_map
+from ocptip.reserves.equal_compliance import equal_normal_map, slides_beyond
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.slip import known
 from ocptip.standing.arm import Robot
@@ -123,6 +123,8 @@ class WithinTolerance:
         gap: the smallest distance; None without delays, or where nothing may collide.
         states: number of evaluated states.
         alike: see `ContactMargins.alike`, up to products of deviations.
+        alike_friction: share of the friction that equally compliant feet use, at least, along and about some
+            axes, up to products of deviations; 1 and more: they slip.
         exact_springs: the arm has counterbalance springs, and nothing about them is uncertain.
         foot_force: minimum distance of a normal force from where its contact lets go, N, where equilibrium
             alone decides it: on three contacts.
@@ -139,6 +141,7 @@ class WithinTolerance:
     states: int
     alike: Margin | None = None
     foot_force: Margin | None = None
+    alike_friction: Margin | None = None
     exact_springs: bool = False
     objects: Mapping[str, dict[str, WorstInstant | None]] = field(default_factory=dict)
     course: tuple[np.ndarray, np.ndarray] = field(default=(np.empty(0), np.empty(0)), compare=False)
@@ -150,6 +153,7 @@ class WithinTolerance:
         slip, torque, gap = self.slip.to_dict(), dict(vars(self.torque)), self.gap and dict(vars(self.gap))
         parts = {"tip": tip, "slip": slip, "torque": torque, "clearance": gap}
         forces = {"least_force_if_feet_give_alike_N": self.alike, "least_normal_force_N": self.foot_force}
+        forces |= {"friction_if_feet_give_alike": self.alike_friction}
         named = {name: force and force.to_dict() for name, force in forces.items()}
         exact = {"exact_springs": True} if self.exact_springs else {}
         objects = {
@@ -218,6 +222,7 @@ def worst_contacts(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> d
         "states": len(delayed.times),
         "alike": _least_if_alike(cases, delayed),
         "foot_force": _least_foot_force(cases, motion, acting, delayed),
+        "alike_friction": _friction_if_alike(cases, delayed),
         "course": course,
     }
 
@@ -251,6 +256,26 @@ def _least_if_alike(cases: WorstCase, states: DelayedStates) -> Margin | None:
         forces[:, k] += np.einsum("nt,nt->n", change, cases.deviations.least(change, states.max_delay))
     row, foot = np.unravel_index(np.argmin(forces), forces.shape)
     return Margin(float(forces[row, foot]), float(states.times[row]), (int(foot) + 1,))
+
+
+def _friction_if_alike(cases: WorstCase, states: DelayedStates) -> Margin | None:
+    """Share of the friction that feet use if all give alike and press, by slopes over the deviations."""
+    support = cases.footing.support
+    if (shares := equal_normal_map(support)) is None:
+        return None
+    pulls, beyond = (slides_beyond(support, shares, share) for share in (0.0, 1.0))
+    wrenches, over = cases.deviations.wrench_and_slopes(
+        states.s, np.zeros((len(states.s), cases.deviations.size))
+    )
+    used = np.zeros((len(pulls), len(wrenches)))
+    for k, (pull, more) in enumerate(zip(pulls, beyond, strict=True)):
+        change = np.einsum("w,nwt->nt", more, over)
+        theta = cases.deviations.least(-change, states.max_delay)
+        worst = wrenches + np.einsum("nwt,nt->nw", over, theta)
+        friction = worst @ (pull - more)
+        used[k] = np.where(friction > 0, worst @ pull / np.where(friction > 0, friction, 1.0), 0.0)
+    axis, row = np.unravel_index(np.argmax(used), used.shape)
+    return Margin(float(used[axis, row]), float(states.times[row]))
 
 
 def _least_foot_force(
