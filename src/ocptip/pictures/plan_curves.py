@@ -245,6 +245,7 @@ def _with_rests(robot: StandingMechanism, motion: Trajectory, samples: MotionSam
 
 
 _REST = "#7a7a7a"
+_DISTANCES = 80  # instants at which the distance to the surroundings is drawn
 _SHOWN = len(MEMBERS)  # pairs with colours of their own; the others are one
 
 
@@ -279,4 +280,18 @@ def draw_clearance(ax: Any, robot: StandingMechanism, samples: MotionSamples) ->
             "gid": f"clearance-{k + 1}",
         }
         ax.plot(samples.times, np.where(ends, gaps, np.nan), **line_style)
+    _draw_surroundings(ax, robot, samples)
     return True
+
+
+def _draw_surroundings(ax: Any, robot: StandingMechanism, samples: MotionSamples) -> None:
+    """Minimum distance to base, floor and obstacles, mm: neighbours in the arm may hide it, always alike."""
+    collision = robot.collision
+    within = collision.links | {label.first for label in collision.labels}
+    others = [k for k, label in enumerate(collision.labels) if label.second not in within]
+    if not collision.links or not others:
+        return
+    some = np.unique(np.linspace(0, len(samples.times) - 1, _DISTANCES).astype(int))
+    gaps = 1e3 * collision.gaps(samples.angles[some])[:, others].min(axis=1)
+    label = "to base and surroundings"
+    ax.plot(samples.times[some], gaps, color=_REST, ls=":", label=label, gid="clearance-surroundings")
