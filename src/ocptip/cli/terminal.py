@@ -102,7 +102,7 @@ def lines_while(stream: TextIO, name: str, every: float = EVERY) -> Iterator[Non
                     stream.write(f"{name}: {latest.text} ({time.monotonic() - begin:.0f} s)\n")
                     stream.flush()
 
-    latest.text = ""
+    latest.text = "working ..."
     thread = threading.Thread(target=write, daemon=True)
     thread.start()
     try:
