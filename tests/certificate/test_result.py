@@ -80,3 +80,14 @@ def test_of_cancels_of_a_cycle_is_claimed_what_is_proved_of_all_its_motions():
     parts = [Certificate({}, Verdict(True, (), bounds, 1)) for bounds in (both, one)]
     whole = parts[0].followed_by(parts[1:], [0.0, 1.0])
     assert whole.verdict.bounds == {"GT": 0.6, "GT_cancel": 0.8}
+
+
+def test_proved_cancels_say_that_their_clearance_is_not_proved():
+    of_cancels = {"GT": 0.5, "clearance": 0.01, "GT_cancel": 0.7}
+    for bounds, said in (
+        (of_cancels, True),
+        ({"GT": 0.5, "clearance": 0.01}, False),
+        ({"GT_cancel": 0.7}, False),
+    ):
+        text = str(Certificate({}, Verdict(True, (), bounds, 1), kept=True))
+        assert ("clearance in cancels is not proved" in text) == said

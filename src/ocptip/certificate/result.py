@@ -21,6 +21,8 @@ from ocptip.certificate.trusted.described import CLEARANCE, SPEED_OF_POINTS, SPE
 from ocptip.motion.violations import quantity_title
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, TORQUE_WITHIN
 
+CLEARANCE_ON_TIME = "clearance"
+"""Key of the bound of the nominal motion."""
 AT_LIMIT = 1e-6
 """Relative (of distances m): what is claimed where a limit is used up."""
 
@@ -32,7 +34,7 @@ _CLAIMS = (
     ("Tipping margin", "N m", "GN", TIP_WITHIN),
     ("Friction used", "%", "GT", SLIP_WITHIN),
     ("Joint torque", "%", "torque_ratio", TORQUE_WITHIN),
-    ("Clearance", "mm", "clearance", CLEARANCE),
+    ("Clearance", "mm", CLEARANCE_ON_TIME, CLEARANCE),
     ("Speed of points", "%", SPEED_OF_POINTS, SPEED_OF_POINTS_WITHIN),
     ("Tipping margin in cancels", "N m", *(names[0] for names in COVERS_OF_CANCELS.values())),
     ("Friction used in cancels", "%", *_SLIP_OF_CANCELS),
@@ -42,7 +44,7 @@ _CLAIMS = (
 _OF_CANCELS = (ANGLE_MARGIN_CANCEL, *TORQUES_CANCEL, *(k for ks in COVERS_OF_CANCELS.values() for k in ks))
 ANGLES = "angle_margin_deg_cancel", "position_margin_m_cancel"
 """Names of sampled values that a bound of the angle margin in cancels covers."""
-_LEAST = ("clearance", CLEARANCE, ANGLE_MARGIN_CANCEL)  # bounds from below
+_LEAST = (CLEARANCE_ON_TIME, CLEARANCE, ANGLE_MARGIN_CANCEL)  # bounds from below
 CANCELS = "contacts in cancels"
 """The name of the claim about cancels, where it is not proved."""
 _OF_CONTACTS = {
@@ -290,7 +292,14 @@ def claims(verdict: Verdict, on_time: bool = False) -> str:
     within = [f" (worst case {worst})" if worst != "-" else "" for _, _, worst in rows]
     parts = [f"{name[:1].lower()}{name[1:]} {claim_text}" for name, claim_text, _ in rows]
     text = ", ".join(part + more for part, more in zip(parts, within, strict=True))
-    return text + ("; worst case with all joints on time" if on_time and any(within) else "")
+    text += "; worst case with all joints on time" if on_time and any(within) else ""
+    return "; ".join(filter(None, [text, beyond_cancels(verdict)]))
+
+
+def beyond_cancels(verdict: Verdict) -> str:
+    """What proved bounds of cancels say nothing of, a sentence without its end; empty without such bounds."""
+    proved = CLEARANCE_ON_TIME in verdict.bounds and not verdict.bounds.keys().isdisjoint(_OF_CANCELS)
+    return "clearance in cancels is not proved, ocptip check --stops cancel samples it" if proved else ""
 
 
 def claim_rows(verdict: Verdict) -> list[tuple[str, str, str]]:

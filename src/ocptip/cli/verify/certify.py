@@ -14,7 +14,7 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.text import table, wrapped
 from ocptip.basics.write import versions
 from ocptip.certificate.describe import drive_words, tolerance_words
-from ocptip.certificate.result import Certificate, claim_rows
+from ocptip.certificate.result import Certificate, beyond_cancels, claim_rows
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.cli.command import Report, ResultReport
 from ocptip.cli.layout import brief_notes, files_lines
@@ -85,6 +85,7 @@ class VerdictReport(Report):
             lines += wrapped("Base", [self.drives])
         if tolerance is not None:
             lines += wrapped("Within", [tolerance_words(tolerance)])
+        lines += wrapped("Cancels", filter(None, [beyond_cancels(self.verdict)]))
         if "clearance" in self.verdict.bounds:
             none = "no floor or wall: what reaches below the contacts is not excluded"
             lines += wrapped("Planes", [f"{self.planes} (floors and walls)" if self.planes else none])
