@@ -43,8 +43,8 @@ def largest_jerk(motion):
     return np.max(np.abs(motion.states(times + h)[2] - motion.states(times - h)[2]) / (2 * h), axis=0)
 
 
-def task_of_two_segments(tmp_path):
-    head, _, rest = URDF.partition("goal_deg")
+def task_of_two_segments(tmp_path, more=""):
+    head, _, rest = URDF.replace("[limits]", f"[limits]\n{more}").partition("goal_deg")
     return load_cycle(limited(tmp_path, f'{head}[[segment]]\ngoal_deg{rest}[[segment]]\ngoal = "start"\n'))
 
 
@@ -52,6 +52,11 @@ def test_segments_of_cycles_have_them_as_rise_times(tmp_path):
     task = task_of_two_segments(tmp_path)
     for segment in task.segments:
         assert segment.task.rise_times == pytest.approx(2 * task.robot.limits.acceleration / JERK)
+    limited_more = task_of_two_segments(tmp_path, "jerk = [60.0, 20.0]\n")
+    for segment in limited_more.segments:
+        assert segment.task.limits.jerk == (60.0, 20.0)
+        expected = 2 * task.robot.limits.acceleration / np.array([JERK, 20.0])
+        assert segment.task.rise_times == pytest.approx(expected)
 
 
 @pytest.mark.slow

@@ -25,9 +25,11 @@ from ocptip.task_files.motion import (
     AIM,
     COURSE,
     DURATION,
+    JERK,
     STOPS,
     TASK,
     coordinates,
+    jerk_limited,
     load_task,
     motion_keys,
     ramp_task,
@@ -101,7 +103,7 @@ CYCLE = cycle_keys(
     "Several motions of a robot on its base: `ocptip plan`.",
     {
         "limits": schema.table(
-            Keys("limits of a cycle", "Limits of all segments.", COMMON_LIMITS), default=None
+            Keys("limits of a cycle", "Limits of all segments.", {**COMMON_LIMITS, **JERK}), default=None
         ),
         "stops": schema.table(STOPS, default=None),
     },
@@ -201,13 +203,14 @@ def read_cycle(data: Table, default: str, ends: Ends = read_end, otherwise: Unce
             robots[held[-1]] = scene.robot(table)
     for key in _LOADS:
         _require_use(data, tables, key)
-    starts, pose = ends(robots[held[0]], motion, "start", scene.limits)
+    limits = jerk_limited(data.table("limits"), scene.limits, robots[held[0]].n)
+    starts, pose = ends(robots[held[0]], motion, "start", limits)
     motion.close(early=True)
     segments: list[Segment] = []
     for number, (table, segment) in enumerate(zip(tables, held, strict=True), 1):
         before = segments[-1].goals[0] if segments else starts[0]
         last = number == len(tables)
-        segments.append(_segment(table, number, robots[segment], scene, before, (starts, pose), last, ends))
+        segments.append(_segment(table, number, robots[segment], limits, before, (starts, pose), last, ends))
     closed = tables[-1].value("goal") == _BACK
     return CycleTask(name, tuple(segments), starts, closed, target=pose)
 
@@ -216,7 +219,7 @@ def _segment(
     table: Table,
     number: int,
     robot: StandingMechanism,
-    scene: TaskScene,
+    limits: Limits,
     before: np.ndarray,
     start: tuple[np.ndarray, PoseTarget | None],
     last: bool,
@@ -228,7 +231,7 @@ def _segment(
     numbers = limit_numbers(limits_table)
     limits_table.close()
     with limits_table.at():
-        limits = replace(scene.limits, **numbers)
+        limits = replace(limits, **numbers)
     if table.value("goal") == _BACK:
         goals, pose = start
         if not last:

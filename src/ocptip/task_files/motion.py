@@ -164,6 +164,11 @@ def _decelerations(table: Table, robot: StandingMechanism) -> np.ndarray | None:
 _OF_CASES = ("sensor", "process", "motors")
 """Tables of a printed case."""
 
+JERK = {
+    "jerk": schema.per_joint(
+        "Jerk limit; those of the joints also count.", "SI units", bound="> 0", otherwise="none"
+    )
+}
 _RISE_KEYS = {
     "rise_time": schema.per_joint(
         "Duration of changes of acceleration; 0: steps.",
@@ -171,9 +176,7 @@ _RISE_KEYS = {
         bound=">= 0",
         otherwise="long enough for jerk limits, else 0",
     ),
-    "jerk": schema.per_joint(
-        "Jerk limit; those of the joints also count.", "SI units", bound="> 0", otherwise="none"
-    ),
+    **JERK,
 }
 COURSE = {
     "optimised": schema.anything(
@@ -408,11 +411,16 @@ def _durations(table: Table) -> dict[str, float]:
     return {"min_duration": seconds if key == "duration" else 0.0, "max_duration": seconds}
 
 
+def jerk_limited(table: Table, limits: Limits, n: int) -> Limits:
+    """Limits with the jerk limit of [limits], of n joints, if it has such a key."""
+    if table.value("jerk") is None:
+        return limits
+    return replace(limits, jerk=tuple(table.get("jerk", size=n).tolist()))
+
+
 def _with_jerk(table: Table, task: MotionTask) -> MotionTask:
     """The task with the jerk limit of [limits], and its rise times or those that keep all jerk limits."""
-    robot, limits = task.robot, task.limits
-    if table["jerk"] is not None:
-        limits = replace(limits, jerk=tuple(table.get("jerk", size=robot.n).tolist()))
+    robot, limits = task.robot, jerk_limited(table, task.limits, task.robot.n)
     if table["rise_time"] is None:
         rises = _rises_of_jerk(robot, limits)
     else:

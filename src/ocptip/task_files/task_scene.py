@@ -172,8 +172,8 @@ class TaskScene:
         margin = table["angle_margin_deg"]
         self._usual_clearance = "clearance" not in table
         numbers = limits_of(table, self._support, None if "robot" in data else data.table("motors"))
-        if "segment" not in data:  # cycles have neither; both are read with the motion
-            table.given("rise_time", "jerk")
+        for key in ("rise_time", "jerk"):  # where there are such keys, they are read with the motion
+            table.value(key)
         self._speeds = speed_limits(table)
         limits = table.make(Limits, angle_margin=margin, **numbers)
         parallel = "robot" in data
