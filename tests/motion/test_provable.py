@@ -71,16 +71,19 @@ def test_an_answer_says_by_how_much_a_motion_is_slower():
 
 
 @pytest.mark.slow
-def test_a_nod_whose_cancels_are_too_close_to_a_limit_is_slower_and_proved():
-    """Its own steps of acceleration are as large as those of gentle cancels; slower, they are smaller."""
+def test_a_nod_whose_cancels_are_too_close_to_a_limit_is_slower_and_proved(monkeypatch):
+    """Its own steps of acceleration are as large as those of gentle cancels; slower, they are smaller.
+
+    Samples have GN 0.343437. Few boxes, enough for the slower motion, do not prove 0.34344 for this one.
+    """
+    monkeypatch.setattr("ocptip.certificate.find_cancels._MOST", 400)
     task = experiment_task("B")
     tolerance = Uncertainty(delay=0.01, speed=0.02, friction=0.05, damping=0.2, tilt=0.005)
     cancel = Cancel(tuple((0.03 * task.robot.limits.acceleration).tolist()), longest=9.0)
-    limits = dataclasses.replace(task.limits, tolerance=tolerance, cancel=cancel, GN_worst_case=0.3435)
+    limits = dataclasses.replace(task.limits, tolerance=tolerance, cancel=cancel, GN_worst_case=0.34344)
     task, motion = dataclasses.replace(task, limits=limits), _nod(task)
     checked = check_motion(task.robot, motion, limits)
     assert checked.verified
-    assert checked.worst["GN_cancel_worst_case"].value > 0.3434
     assert certified(task.robot, motion, checked, limits).lacks_cancels
     planned = MotionPlan(task, motion, checked, (), 0, 0, 0.0, False, {})
     part = proved_part(planned, certified)

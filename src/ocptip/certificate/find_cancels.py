@@ -168,7 +168,7 @@ class SearchCancels:
             lost, by = self._lost(boxes.some(worst), sizes[worst], margins[worst])
             if len(lost.piece):
                 return SearchedClaims({}, {}, self._short(lost, by))
-            if total + 2 * len(left) > _MOST or self._shared > _MOST_SHARED:
+            if len(left) and (total + 2 * len(left) > _MOST or self._shared > _MOST_SHARED):
                 return SearchedClaims({}, {}, self._short(boxes.some(left), margins[left]))
             which = np.argmax(sizes[left], axis=1)
             boxes, places = self._halved(boxes.some(left), [places[k] for k in left], which)
