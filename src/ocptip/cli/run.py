@@ -27,7 +27,8 @@ def run(command: Command, options: argparse.Namespace, own_process: bool) -> int
         prepare_workers(command.preload)  # they start while the command itself loads what it needs
     latest.quiet = options.quiet
     module = import_module(command.module)
-    lines = lines_while(sys.stderr, f"ocptip {command.name}") if own_process else nullcontext()
+    first = "" if command.group == "start" else "working ..."  # pages wait for their user
+    lines = lines_while(sys.stderr, f"ocptip {command.name}", first) if own_process else nullcontext()
     with suspicions() as messages, one_thread, lines:
         report: Report = module.run(options)
     report.warnings, report.verbose = messages, options.verbose

@@ -82,12 +82,13 @@ class Progress:
 
 
 @contextmanager
-def lines_while(stream: TextIO, name: str, every: float = EVERY) -> Iterator[None]:
+def lines_while(stream: TextIO, name: str, first: str = "", every: float = EVERY) -> Iterator[None]:
     """While a command computes, write a line every few seconds, unless the stream is a terminal.
 
     Args:
         stream: where to.
         name: of the command.
+        first: what it does until it says what.
         every: s, between lines.
     """
     if stream.isatty() or latest.quiet:
@@ -102,7 +103,7 @@ def lines_while(stream: TextIO, name: str, every: float = EVERY) -> Iterator[Non
                     stream.write(f"{name}: {latest.text} ({time.monotonic() - begin:.0f} s)\n")
                     stream.flush()
 
-    latest.text = "working ..."
+    latest.text = first
     thread = threading.Thread(target=write, daemon=True)
     thread.start()
     try:

@@ -442,8 +442,8 @@ def test_progress_bar_on_a_terminal_is_erased_at_the_end(planner, capsys, monkey
     assert main(["plan", "C", "--no-figures"]) == 0
     shown = terminal.getvalue().split("\r")
     assert "building" in shown[1]
-    assert re.fullmatch(r"\[\.{24}\] 0/2 steps of the search, no verified plan yet, \d+ s\x1b\[K", shown[2])
-    assert re.fullmatch(r"\[#{12}\.{12}\] 1/2 steps of the search, best 231\.0 J, \d+ s\x1b\[K", shown[3])
+    assert re.fullmatch(r"\[\.{24}\] 0/2 search steps, no verified plan yet, \d+ s\x1b\[K", shown[2])
+    assert re.fullmatch(r"\[#{12}\.{12}\] 1/2 search steps, best 231\.0 J, \d+ s\x1b\[K", shown[3])
     assert shown[-1] == "\x1b[K"
     assert all(len(text) < 80 for text in shown)
 

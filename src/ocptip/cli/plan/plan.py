@@ -115,5 +115,5 @@ def progress_bar(task: Task) -> Progress:
     unit = task.objective.unit
     best = f"best{' of this segment' * task.is_cycle} {{:.{3 if unit == 's' else 1}f}} {unit}"
     first = "comparing postures ..." if task.is_cycle else "checking the task, building the program ..."
-    what = "starts" if task.is_cycle else "steps of the search"
+    what = "starts" if task.is_cycle else "search steps"
     return Progress(sys.stderr, first, "no verified plan yet", best, what)
