@@ -78,7 +78,6 @@ def test_retimed_paths_keep_them_where_the_curvature_has_no_step(tmp_path):
     assert not any("jerk" in note for note in plan.task.robot.notes)
 
 
-@pytest.mark.slow
 def test_a_motion_of_profiles_is_smoothed_for_them(tmp_path):
     """Its accelerations have steps, and so has the curvature of its path."""
     task = load_task(limited(tmp_path, URDF))
@@ -90,6 +89,7 @@ def test_a_motion_of_profiles_is_smoothed_for_them(tmp_path):
     assert np.max(timing.fit.distance) < 1e-4
 
 
+@pytest.mark.slow
 def test_a_path_with_a_step_of_its_curvature_breaks_them(tmp_path):
     task = load_task(limited(tmp_path, URDF))
     half = 0.5 * (task.goal - task.start)
