@@ -67,6 +67,7 @@ def test_of_the_path_and_the_smoothed_one_the_better_motion_is_the_plan(plan):
     assert "of the smoothed path, which costs" in PlanReport(smooth).to_text()
 
 
+@pytest.mark.slow
 def test_without_time_the_path_stays_as_it_is(plan):
     rushed = Plan.of(plan.planned, smooth=True, budget=TimeBudget(1e-6))
     assert rushed.motion.end == plan.motion.end

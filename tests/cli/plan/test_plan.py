@@ -213,7 +213,9 @@ def test_options_reach_the_planner(planner, capsys, tmp_path):
     assert files_in(tmp_path / "x") == sorted(FILES)
 
 
-def test_a_plan_has_workshop_tolerance_unless_file_or_option_says_otherwise(planner, capsys, tmp_path):
+def test_a_plan_has_workshop_tolerance_unless_file_or_option_says_otherwise(
+    planner, without_robustness, capsys, tmp_path
+):
     (tmp_path / "free.toml").write_text('case = "C"\n')
     (tmp_path / "own.toml").write_text('case = "C"\n[tolerance]\nfriction = 0.1\n')
     (tmp_path / "none.toml").write_text('case = "C"\n[tolerance]\npreset = "none"\n')
