@@ -148,7 +148,6 @@ def test_the_jerk_of_s_curves_is_exact(tmp_path, factor):
         assert jerk_of(task, points).detail == worst.detail == "hip"
 
 
-@pytest.mark.slow
 def test_acceleration_steps_break_every_jerk_limit(tmp_path):
     task = load_task(limited(tmp_path, URDF))
     found = ocptip.check(task, profiles(task, 0.0))

@@ -58,7 +58,6 @@ def test_its_files_and_repr_say_where_the_base_stands(task, search, tmp_path):
     assert "verified, base at (" in repr(placed)
 
 
-@pytest.mark.slow
 def test_without_a_placement_the_nearest_one_and_the_reason_are_known(task, monkeypatch, tmp_path):
     def refuses(problem, **options):
         raise refused()

@@ -94,7 +94,6 @@ def test_margins_of_a_scene(rover):
     assert (met.met, broken.met) == (True, False)
 
 
-@pytest.mark.slow
 def test_margins_within_an_uncertainty_are_those_of_the_worst_case(rover):
     worst = ocptip.stand(SCENE, uncertainty="workshop")
     for text in ("tipping margin >= 1 N m", "friction used <= 1 %"):

@@ -83,7 +83,6 @@ def test_other_cases_clamps_and_frictions(case):
     assert found.certified, (found.verdict, found.undecided)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("controller", some(1, ["cubic", "quintic", "linear"]))
 def test_what_controllers_run_is_certified(swing, controller):
     task, motion, _, _ = swing
@@ -294,7 +293,6 @@ def test_motions_broken_for_less_than_a_millisecond_are_not_certified(count, wit
     assert (found["certified"], found["named"], found["within"]) == (0, count, within)
 
 
-@pytest.mark.slow
 def test_feet_that_give_are_not_certified(swing):
     task, motion, checked, _ = swing
     own = task.robot.support

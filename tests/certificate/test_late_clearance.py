@@ -152,7 +152,6 @@ def test_late_distances_are_claimed_of_a_tolerance_only(proved):
     assert check_certificate(data).problems == ("unknown claims: clearance_worst_case",)
 
 
-@pytest.mark.slow
 def test_joints_that_touch_when_late_are_not_verified(swing):
     """A pillar as near to the path as joints on time allow."""
     robot, motion, limits = swing

@@ -598,7 +598,6 @@ def test_docs_list_every_binding_and_its_keys(root):
                 assert f"`{key}`" in readme, key
 
 
-@pytest.mark.slow
 def test_feet_that_give(capsys):
     file = "src/ocptip/examples/scenes/cart_on_rubber.toml"
     assert main(["stand", file]) == 0

@@ -114,7 +114,6 @@ def test_every_command_that_reads_a_plan(plan, capfd, command, name, how):
     refused(capfd, verb, plan, *options)
 
 
-@pytest.mark.slow
 def test_files_are_there_and_may_be_read(plan, capfd):
     """What is refused below is refused for what was changed, and nothing else."""
     (plan.parent / "link").symlink_to(plan)

@@ -119,7 +119,6 @@ def test_few_programs_tell_that_a_base_with_a_clamp_moves_and_fewer_still_later(
     assert later < asked / 2
 
 
-@pytest.mark.slow
 def test_forces_that_hold_one_wrench_hold_others_near_to_it():
     """Two wheels amid four casters: pivoting puts all weight on the casters, in every state."""
     places = [(0, 0.19), (0, -0.19), (0.17, 0.15), (0.17, -0.15), (-0.17, -0.15), (-0.17, 0.15)]

@@ -80,14 +80,12 @@ def test_a_mass_is_found_with_its_size(link):
         assert one.value == pytest.approx(5, abs=2 * one.interval)
 
 
-@pytest.mark.slow
 def test_a_late_joint_is_found_and_does_not_look_like_masses():
     found = compare(recorded(0, delays={1: 4e-3}), predictor())
     assert names(found) == [f"delay of {predictor().robot.names[1]}"]
     assert found.findings[0].value == pytest.approx(4.0, abs=2 * found.findings[0].interval)
 
 
-@pytest.mark.slow
 def test_a_late_sensor_is_found():
     found = compare(recorded(0, late={"sensor": 4e-3}), predictor())
     assert names(found) == ["delay of force-torque sensor"]
@@ -139,12 +137,16 @@ def test_angles_in_the_wrong_unit_are_warned_of():
     doubt_turns(recording, plan.robot, plan.motion)
 
 
-@pytest.mark.slow
-def test_signals_that_are_no_good_are_named():
+def test_a_signal_that_is_cut_off_is_named():
     recording = recorded(7)
     force = values_of(recording, "fy")
     cut = changed(recording, "fy", np.clip(force, -np.inf, 0.8 * force.max()))
     assert names(compare(cut, predictor())) == ["fy clipped"]
+
+
+@pytest.mark.slow
+def test_signals_that_are_no_good_are_named():
+    recording = recorded(7)
     rng = np.random.default_rng(0)
     tau = values_of(recording, "tau3")
     noisy = changed(recording, "tau3", tau + rng.normal(size=len(tau)))
@@ -179,7 +181,6 @@ def test_loads_alone_have_a_clock_too():
     assert found.energy is None
 
 
-@pytest.mark.slow
 def test_a_base_that_moved_is_found():
     recording = recorded(1)
     contacts = np.array([c.position for c in predictor().robot.support.contacts])

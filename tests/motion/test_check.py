@@ -147,7 +147,6 @@ def test_a_motion_that_slides_is_told_the_friction_that_it_needs():
     assert worst in checked.violations
 
 
-@pytest.mark.slow
 def test_weak_instants_are_counted_on_the_first_grid_whatever_is_refined(monkeypatch):
     robot, motion = reference("A", "printed")
     corners = [(x, y, 0.0) for x in (-0.25, 0.25) for y in (-0.2, 0.2)]

@@ -514,7 +514,6 @@ def test_motions_that_have_to_take_longer_than_any_that_is_planned_are_refused()
     assert reasons == ("duration: is 31 s, 30 s is the longest motion that is planned",)
 
 
-@pytest.mark.slow
 def test_a_payload_that_is_too_heavy_has_the_possible_one_beside_it():
     """It is the smaller one of those that `stand` has at start and goal."""
     task = load_task(EXAMPLES / "tasks/ur5_cart.toml", NONE)

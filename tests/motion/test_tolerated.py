@@ -187,7 +187,6 @@ def test_late_joints_are_the_brink(task, found):
     assert loads(1e-3 * 1.1 * late.value + 3e-4) >= 1
 
 
-@pytest.mark.slow
 def test_a_motion_that_falls_tolerates_nothing(task):
     faster = task.reference.time_scaled(0.6)
     assert not stands(task.robot, faster)

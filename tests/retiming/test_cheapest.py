@@ -37,7 +37,6 @@ def test_cheaper_than_every_slower_and_faster(regeneration, standby):
         assert robot.energy(fast.time_scaled(factor)) > energy * (1 - 2e-3)
 
 
-@pytest.mark.slow
 def test_time_price_and_longest_duration():
     task, robot = robot_with(1.0, 0.0)
     path = random_path(task, 1, 0.1)

@@ -63,7 +63,6 @@ def test_four_feet_and_another_robot():
     assert found.motion.end > found.fastest
 
 
-@pytest.mark.slow
 def test_limits_of_jerk_count_without_being_asked_for():
     task, limits = tripod(), Limits()
     path, jerk = random_path(task, 3, 0.1), tuple(5 * task.robot.limits.acceleration)

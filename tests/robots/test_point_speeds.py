@@ -144,7 +144,6 @@ def test_a_limit_is_proved_for_all_instants_and_a_bound_holds_with_delayed_joint
     assert "speeds of points in the nominal model" in proved.headline
 
 
-@pytest.mark.slow
 def test_a_limit_that_is_exceeded_between_samples_is_not_proved(nodding):
     task, motion, fastest = nodding
     robot = task.robot.varied(speed_limits={"tcp": 0.999 * fastest})

@@ -209,7 +209,6 @@ def test_a_motion_into_the_floor_is_refused_and_not_proved(task, folder):
     assert json.loads(json.dumps(unseen.to_dict()))["collision"]["floor"] == []
 
 
-@pytest.mark.slow
 def test_a_proof_covers_the_floor(task):
     near = dipping(task, 0.03)
     proved = certified(task.robot, near, check_motion(task.robot, near, task.limits), task.limits)
@@ -221,7 +220,6 @@ def test_a_proof_covers_the_floor(task):
     assert plane == {"name": "floor", "normal": [0.0, 0.0, 1.0], "level_m": 0.0}
 
 
-@pytest.mark.slow
 def test_start_and_goal_are_refused_in_one_line_before_contacts_are_solved(task, monkeypatch):
     monkeypatch.setattr("ocptip.motion.task.refusals", None)  # solves contacts
     both = replace(task, start=dipping(task, -0.093).goal, goal=dipping(task, 0.004).goal)

@@ -436,7 +436,6 @@ def test_hexapod_on_a_cart_is_planned_and_checked(standing):
     assert robot.robot.crossings(plan.motion.states(np.linspace(0, plan.duration, 80))[0]) == ()
 
 
-@pytest.mark.slow
 def test_the_task_file_can_name_a_robot_file(tmp_path):
     """A 3RRR lying in the portal, from a file beside the task file: loads of the ready-made one."""
     legs = [

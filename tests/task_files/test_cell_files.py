@@ -75,7 +75,6 @@ def test_the_floor_of_a_place_is_that_of_the_cycle_there(changed, key, level):
     assert scope_of(cell.problem.collision) == ("" if expected else NO_FLOOR)
 
 
-@pytest.mark.slow
 def test_poses_are_those_of_the_world(changed):
     cell = changed("mass = 2.0", "mass = 2.5")
     placement = at(cell, PLACE)

@@ -78,13 +78,22 @@ def test_what_is_missing_or_unclear_is_said(header, message):
         read(header)
 
 
-@pytest.mark.slow
-def test_units_are_never_guessed(tmp_path):
+@pytest.fixture
+def of_no_unit(tmp_path):
     rows = "\n".join(f"{k / 10},{np.sin(k / 10) ** 2:.6f}" for k in range(32))
     path = tmp_path / "m.csv"
     path.write_text(f"time,position.a\n{rows}\n")
+    return path
+
+
+def test_units_are_never_guessed(of_no_unit):
     with pytest.raises(InputError, match=r"^m\.csv: header: position\.a says neither"):
-        load_motion(path, ["a"], ["rad"])
+        load_motion(of_no_unit, ["a"], ["rad"])
+
+
+@pytest.mark.slow
+def test_units_that_are_given_count(of_no_unit):
+    path = of_no_unit
     radians = load_motion(path, ["a"], ["rad"], unit="rad")
     with pytest.warns(InputWarning, match="are they radians"):
         degrees = load_motion(path, ["a"], ["rad"], unit="deg")

@@ -38,7 +38,6 @@ def test_the_plans_own_samples_agree(written, capsys):
     assert "not recorded  pose of the base, shifts of contacts" in said
 
 
-@pytest.mark.slow
 def test_findings_are_told_and_drawn(written, tmp_path, capsys):
     path = write(tmp_path / "r.csv", recorded(0, delays={1: 4e-3}))
     figure = tmp_path / "r.png"
@@ -78,7 +77,6 @@ def test_samples_that_are_missing_are_a_finding(written, tmp_path, capsys, lost,
         assert text.format(n=count) in out
 
 
-@pytest.mark.slow
 def test_a_sensor_with_a_rate_of_its_own(written, tmp_path, capsys):
     """Joints and torques at 100 Hz, the sensor at 500 Hz, in lines of their own: nothing is missing."""
     recording = recorded(1)
@@ -115,7 +113,6 @@ def test_columns_without_any_number_are_missing(written, tmp_path, capsys):
     assert "AGREES" not in out
 
 
-@pytest.mark.slow
 def test_columns_in_a_file(written, tmp_path, capsys):
     path = tmp_path / "r.csv"
     write(path, recorded(1))

@@ -55,7 +55,6 @@ def test_a_payload_and_its_tolerance_are_written(written, recording, tmp_path, c
     assert tomllib.loads(out.read_text())["payload"]["mass"] == payload.mass
 
 
-@pytest.mark.slow
 def test_json_has_covariances(written, recording, capsys):
     assert main(["identify", "payload", recording, str(written), "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
@@ -98,7 +97,6 @@ def test_links_that_are_written_are_those_of_the_arm_that_reads_them(tmp_path):
         arm_of_file(file)
 
 
-@pytest.mark.slow
 def test_an_arm_is_told(written, recording, tmp_path, capsys):
     out = tmp_path / "arm.toml"
     assert main(["identify", "arm", recording, str(written), "--out", str(out)]) == 0

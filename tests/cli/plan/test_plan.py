@@ -295,7 +295,6 @@ def test_json_is_that_of_the_file_and_the_paths(planner, capsys, tmp_path):
     assert printed["time_scale"][0]["factor"] == 1.2
 
 
-@pytest.mark.slow
 def test_time_scale_says_what_still_stands(planner, capsys):
     planner.result = stand_in_plan("B", limits=Limits(GN=0.999))
     code, out, _ = run(capsys, "B", "--no-figures", "--tolerance", "none", "--time-scale", 1.1, 0.999, 0.5)
@@ -475,7 +474,6 @@ def test_files_of_others_are_not_replaced(planner, capsys, tmp_path):
     assert files_in(other) == sorted([*FILES, "notes.txt", "motion.png"])
 
 
-@pytest.mark.slow
 def test_figures_of_an_earlier_plan_are_removed(planner, capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(motion_plots, "FIGURES", {"motion": motion_plots.FIGURES["motion"]})
     assert run(capsys, "C", "--no-figures")[0] == 0

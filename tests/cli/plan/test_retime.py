@@ -238,7 +238,6 @@ def test_bad_arguments_are_one_line(
     assert len(error.splitlines()) == 1
 
 
-@pytest.mark.slow
 def test_a_path_that_cannot_be_timed_says_where_and_why(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -88,7 +88,6 @@ def test_bad_input_is_one_line(arguments, words, certificate, capsys, tmp_path, 
     assert words in err
 
 
-@pytest.mark.slow
 def test_plans_hold_their_certificate(tmp_path, capsys):
     out = tmp_path / "plan"
     assert main(["plan", "A", *ONE_START, "--out", str(out)]) == 0
@@ -100,7 +99,6 @@ def test_plans_hold_their_certificate(tmp_path, capsys):
     assert "proved" in capsys.readouterr().out.lower()
 
 
-@pytest.mark.slow
 def test_a_rise_time_as_typed_is_certified(capsys):
     plan = str(ROOT / "studies" / "results" / "plans" / "A-effective" / "plan.json")
     bounds = []

@@ -168,7 +168,6 @@ def test_a_task_file(capsys, root, tmp_path):
     assert result["time_scale"][0]["verified"] is True
 
 
-@pytest.mark.slow
 def test_a_motion_that_does_not_fit_start_and_goal_is_noted(capsys, plan, tmp_path):
     data = json.loads(plan.read_text())
     data["start"][1] += 0.5

@@ -86,7 +86,6 @@ def test_the_way_to_a_first_point_is_judged(cart, tmp_path, capsys):
     assert any("point at 0 s is the task's start" in text for text in data["assumed"])
 
 
-@pytest.mark.slow
 def test_motions_that_begin_or_end_moving_are_refused(cart, tmp_path, capsys):
     """Not the piece is judged: check says what it takes for granted, and what to check instead."""
     moving = np.zeros((2, 6))

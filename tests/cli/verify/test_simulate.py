@@ -75,7 +75,6 @@ def test_simulate_a_cycle(cycle, capsys):
     assert "what the gripper takes or leaves comes and goes at once" in said
 
 
-@pytest.mark.slow
 def test_export_writes_a_model_per_segment(cycle, tmp_path, capsys):
     assert main(["export", str(cycle), *("--mjcf", f"{tmp_path}/s.xml", "--urdf", f"{tmp_path}/s.urdf")]) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s-1.urdf", "s-1.xml", "s-2.urdf", "s-2.xml"]
@@ -87,7 +86,6 @@ def test_export_writes_a_model_per_segment(cycle, tmp_path, capsys):
     assert "what the gripper takes or leaves" in capsys.readouterr().out
 
 
-@pytest.mark.slow
 def test_simulate_says_no(written, capsys):
     assert main(["simulate", str(written), "--tilt", "6", "-120", "--friction", "0.9"]) == 1
     said = capsys.readouterr().out

@@ -128,7 +128,6 @@ def test_the_headline_says_that_an_equally_compliant_foot_lifts(capsys, tmp_path
     assert f"with equally compliant feet contact {lifted[0]} lifts" in text.splitlines()[0]
 
 
-@pytest.mark.slow
 def test_above_one_the_friction_needed_is_a_number_of_its_own(capsys, tmp_path):
     """240 N against 0.3 of the weight of 50 kg; the force acts low, so that nothing tips."""
     feet = "".join(

@@ -109,7 +109,6 @@ def test_stronger_brakes_load_the_base_more(task):
     assert found[1].speeds["brakes"].min() == 0.0
 
 
-@pytest.mark.slow
 def test_wider_intervals_are_never_better(task):
     middle = np.array([20.0, 30.0, 20.0, 10.0, 5.0, 2.0])
     narrow = looked_at(task, "brakes", StopRules(brake_min=middle, brake_max=middle))[1]
@@ -118,7 +117,6 @@ def test_wider_intervals_are_never_better(task):
     assert wide.worst["brakes"]["longest_stop_s"] >= narrow.worst["brakes"]["longest_stop_s"]
 
 
-@pytest.mark.slow
 def test_a_delay_lets_the_arm_fall_first(task):
     at_once, late = (looked_at(task, "brakes", StopRules(delay=d))[1] for d in ((0.0, 0.0), (0.0, 0.05)))
     more = late.worst["brakes"]["longest_stop_s"] - at_once.worst["brakes"]["longest_stop_s"]

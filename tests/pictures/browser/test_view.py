@@ -272,7 +272,6 @@ def test_view_of_a_plan_folder(tmp_path, capsys):
     assert (tmp_path / "a.html").stat().st_size < 3_000_000
 
 
-@pytest.mark.slow
 def test_view_of_two_plans(tmp_path, capsys):
     task = experiment_task("A")
     for name, factor in (("one", 1.0), ("two", 1.2)):

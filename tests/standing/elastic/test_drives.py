@@ -144,7 +144,6 @@ def test_ripple_of_a_drive_excites_what_it_moves(detuned):
     assert np.max(np.abs(found.course.bends[late, 0])) == pytest.approx(expected, rel=0.02)
 
 
-@pytest.mark.slow
 def test_a_rise_time_of_one_period_leaves_nothing():
     stiffness, inertia = 800.0, 0.5
     robot, motion = pendulum(stiffness, inertia=inertia), ramp(speed=0.93)

@@ -115,7 +115,6 @@ def test_worlds_that_are_tolerated_and_not(simulator, world, stands):
     assert simulator.run(world).stands is stands
 
 
-@pytest.mark.slow
 def test_masses_change_forces(plan, simulator):
     robot = plan[0]
     heavier = simulator.run(World(masses=(1.05,) * (1 + robot.arm.links)))
@@ -125,7 +124,6 @@ def test_masses_change_forces(plan, simulator):
     assert same.forces[rest].sum(axis=1).mean() == pytest.approx(robot.mass * 9.81, rel=1e-3)
 
 
-@pytest.mark.slow
 def test_late_joints_are_late(plan, simulator):
     robot, motion = plan
     late = simulator.run(World(late=(0.05,) * robot.n))
