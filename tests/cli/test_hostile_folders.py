@@ -181,7 +181,7 @@ BOMB = "a0: &a0 [1]\n" + "".join(f"a{k + 1}: &a{k + 1} [{', '.join([f'*a{k}'] * 
     ("name", "text", "said"),
     [
         ("deep.json", "[" * DEEP, "nested too deeply"),
-        ("deep.yaml", "[" * 300, "nested too deeply"),
+        ("deep.yaml", "[" * 150 + "]" * 150, "nested too deeply"),
         ("deep.toml", "a = " + "[" * DEEP, "nested too deeply"),
         ("dots.toml", ".".join("a" * 3000) + " = 1", "nested too deeply"),
         ("bomb.yaml", BOMB + "joint_names: *a15\npoints: [{positions: *a15}]", "aliases stand for more than"),
