@@ -44,6 +44,16 @@ def test_positions_are_found_by_name_in_any_order(header):
     assert clock.power == power
 
 
+@pytest.mark.parametrize("form", ["{}_deg", "{} [deg]", "position.{}_deg", "{}.position [deg]"])
+def test_names_of_joints_may_have_brackets(form):
+    names = ["arm[0]", "arm[1]"]
+    found = read(
+        ",".join(["time_s", *(form.format(name) for name in reversed(names))]), None, names, ["rad"] * 2
+    )
+    assert found.joints[POSITION] == [2, 1]
+    assert found.units[POSITION] == ["deg", "deg"]
+
+
 def test_speeds_and_accelerations():
     kinds = ("position", "velocity", "acc")
     header = ",".join(["t", *(f"{kind}.{name}" for name in NAMES for kind in kinds)])

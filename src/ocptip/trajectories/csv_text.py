@@ -351,10 +351,10 @@ def times_of(table: TextTable) -> tuple[np.ndarray, TimeColumns]:
     if power is None:
         power = 0 if epoch is None else epoch
     origin = first if epoch == power else Decimal(0)
-    times = [(value - origin).scaleb(power) for value in values]
+    times = [float((value - origin).scaleb(power)) for value in values]
     for line, time in zip(table.lines, times, strict=True):
-        refuse_huge(f"line {line}, {title}", float(time))
-    return np.array([float(time) for time in times]), where
+        refuse_huge(f"line {line}, {title}", time)
+    return np.array(times), where
 
 
 def _whole(table: TextTable, row: int, column: int) -> int:
@@ -375,9 +375,10 @@ def _is_decimal(cell: str) -> bool:
 
 
 def _decimal(line: int, title: str, cell: str) -> Decimal:
-    if not _is_decimal(cell):
-        raise InputError(f"line {line}, {title}: expected a number, got {cell!r}")
-    value = Decimal(cell)
+    try:
+        value = Decimal(cell)
+    except InvalidOperation:
+        raise InputError(f"line {line}, {title}: expected a number, got {cell!r}") from None
     if not value.is_finite():
         raise InputError(f"line {line}, {title}: must be finite, got {cell}")
     return value

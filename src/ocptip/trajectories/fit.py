@@ -16,6 +16,7 @@ middle of one stays within the tolerance.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import clarabel
 import numpy as np
@@ -115,10 +116,10 @@ def rests_of(times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray) ->
         tolerance: (n,), of these.
     """
     runs: list[list[int]] = []
-    low = high = positions[0]
-    for k, q in enumerate(positions):
-        low, high = np.minimum(low, q), np.maximum(high, q)
-        if not runs or np.any(high - low > 2 * tolerance):
+    low, high, most = [np.inf], [-np.inf], (2 * tolerance).tolist()
+    for k, q in enumerate(positions.tolist()):  # numbers of Python: a tenth of the time of small arrays
+        low, high = list(map(min, low, q)), list(map(max, high, q))
+        if not runs or any(top - bottom > by for top, bottom, by in zip(high, low, most, strict=True)):
             low = high = q
             runs.append([k, k])
         runs[-1][1] = k
@@ -283,24 +284,28 @@ class _Spline:
             tolerance / self.unit * np.interp(self.times, self.knots, speeds),
         )
 
+    @cached_property
+    def _rows(self) -> scipy.sparse.csc_matrix:
+        """Of the linear program, the same for all joints: no speed at the ends, jumps, distances."""
+        count = len(self.knots)
+        none, each = scipy.sparse.csr_matrix((len(self.times), count)), scipy.sparse.identity(count)
+        rows = [
+            [self.speeds[[0, -1]], scipy.sparse.csr_matrix((2, count))],
+            [self.jumps, -each],
+            [-self.jumps, -each],
+            [self.at_samples, none],
+            [-self.at_samples, none],
+        ]
+        return scipy.sparse.bmat(rows, format="csc")
+
     def _added(self, near: np.ndarray, places: np.ndarray, slack: np.ndarray) -> np.ndarray:
         """The change of coefficients, from the linear program: minimum sum of acceleration steps within the
         slack.
         """
         size, count = len(near), len(self.knots)
-        each, none = scipy.sparse.identity(count), scipy.sparse.csr_matrix((len(places), count))
-        ends = self.speeds[[0, -1]]
-        matrix = scipy.sparse.vstack(
-            [
-                scipy.sparse.hstack([ends, scipy.sparse.csr_matrix((2, count))]),
-                scipy.sparse.hstack([self.jumps, -each]),
-                scipy.sparse.hstack([-self.jumps, -each]),
-                scipy.sparse.hstack([self.at_samples, none]),
-                scipy.sparse.hstack([-self.at_samples, none]),
-            ]
-        )
         jumps, missing = self.jumps @ near, places - self.at_samples @ near
-        bounds = np.concatenate([-(ends @ near), -jumps, jumps, slack + missing, slack - missing])
+        ends = self.speeds[[0, -1]] @ near
+        bounds = np.concatenate([-ends, -jumps, jumps, slack + missing, slack - missing])
         cones = [clarabel.ZeroConeT(2), clarabel.NonnegativeConeT(2 * (count + len(places)))]
         price = np.concatenate([np.zeros(size), np.ones(count)])
         settings = quiet_settings()
@@ -308,7 +313,7 @@ class _Spline:
         status = ""
         for share in STEPS:
             setattr(settings, "max_step_fraction", share)  # noqa: B010  # missing in its stubs
-            result = solve_cones(price, scipy.sparse.csc_matrix(matrix), bounds, cones, settings)
+            result = solve_cones(price, self._rows, bounds, cones, settings)
             status = str(result.status)
             if status in USABLE:
                 return np.array(result.x[:size])

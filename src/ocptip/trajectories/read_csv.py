@@ -27,7 +27,7 @@ _WORDS = {
 _PER = {"": POSITION, "s": SPEED, "s2": ACCELERATION}
 _NUMBERED = re.compile(r"(?P<word>q|qd|qdd)(?P<joint>[1-9][0-9]*)")
 _UNIT = re.compile(r"[\s_]*[\[(]?(?<![A-Za-z])(?P<unit>deg|rad|m)(?:[_/](?P<per>s|s\^?2))?[\])]?")
-_AT_END = re.compile(rf"(?P<body>.*?\w)(?:{_UNIT.pattern})")
+_AT_END = re.compile(rf"(?P<body>.*?[\w\]])(?:{_UNIT.pattern})")
 _APART = re.compile(r"[./\s_]+")
 
 
@@ -303,15 +303,16 @@ def _fit(times: np.ndarray, values: dict[str, np.ndarray], rounding: np.ndarray)
 
 def _rounding(table: TextTable, columns: CsvColumns) -> np.ndarray:
     """(n,): half a unit of the last digit that positions usually have, rad or m; equal ones count once."""
-    cells = (set(table.texts(column)) for column in columns.joints[POSITION])
-    digits = [np.median([_decimals(cell) for cell in row]) for row in cells]
+    cells = (list(set(table.texts(column))) for column in columns.joints[POSITION])
+    digits = [np.median(_decimals(np.array(row))) for row in cells]
     return 0.5 * 10.0 ** -np.array(digits) * columns.scales(POSITION)
 
 
-def _decimals(cell: str) -> int:
-    """Decimal places that a number is written with."""
-    mantissa, _, exponent = cell.strip().lower().partition("e")
-    return len(mantissa.partition(".")[2]) - int(exponent or 0)
+def _decimals(cells: np.ndarray) -> np.ndarray:
+    """(N,): decimal places that numbers are written with."""
+    mantissas, _, exponents = np.strings.partition(np.strings.lower(np.strings.strip(cells)), "e")
+    places = np.strings.str_len(np.strings.partition(mantissas, ".")[2])
+    return places - np.where(exponents == "", "0", exponents).astype(int)
 
 
 def _spaced(times: np.ndarray) -> list[int]:
