@@ -82,7 +82,9 @@ def finite_array(name: str, value: object, shape: tuple[int | EllipsisType | Non
     array = given.astype(float, copy=False)  # a copy already
     tail = shape[1:] if shape[:1] == (...,) else shape
     have = array.shape[max(0, array.ndim - len(tail)) :] if tail is not shape else array.shape
-    if len(have) != len(tail) or any(want not in (None, got) for want, got in zip(tail, have, strict=True)):
+    if have != tail and (
+        len(have) != len(tail) or any(want not in (None, got) for want, got in zip(tail, have, strict=True))
+    ):
         words = {None: "n", ...: "..."}
         wanted = " x ".join(words.get(want, str(want)) for want in shape) or "a single number"
         got = " x ".join(map(str, array.shape)) or "a single number"

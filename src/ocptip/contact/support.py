@@ -181,11 +181,12 @@ class Support:
         ratios = np.linalg.eigvalsh(self.inertia) / (self.mass * self.length**2)
         return bool(ratios[0] >= 1 / factor and ratios[-1] <= factor)
 
-    @property
+    @cached_property
     def weight(self) -> np.ndarray:
         """Wrench of the weight of the base about its centre of mass."""
         wrench = np.zeros(self.wrench_size)
         wrench[: self.dimension] = self.mass * self.gravity
+        wrench.flags.writeable = False
         return wrench
 
     def wrench(self, loads: Load | Sequence[Load] = ()) -> np.ndarray:
@@ -195,7 +196,7 @@ class Support:
             InputError: something that is no `Load`, or a load with wrong shapes, NaN, infinity or numbers
                 above 1e12.
         """
-        total = self.weight
+        total = self.weight.copy()
         d = self.dimension
         if isinstance(loads, Load):
             loads = (loads,)

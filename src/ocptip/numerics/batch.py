@@ -46,13 +46,16 @@ class BatchFunction:
             One array per output: (N, rows) for a column vector, (N, rows, columns) for a matrix.
         """
         count = max((len(a) for a in arguments if np.ndim(a) > 1), default=1)
-        inputs = np.empty((sum(self._in), count))
-        row = 0
-        for argument, size in zip(arguments, self._in, strict=True):
-            inputs[row : row + size] = (
-                np.asarray(argument).T if np.ndim(argument) > 1 else np.reshape(argument, (-1, 1))
-            )
-            row += size
+        if count == 1:  # a third of the time of what follows
+            pairs = zip(arguments, self._in, strict=True)
+            inputs = np.concatenate([np.asarray(a, dtype=float).reshape(size, 1) for a, size in pairs])
+        else:
+            inputs, row = np.empty((sum(self._in), count)), 0
+            for argument, size in zip(arguments, self._in, strict=True):
+                inputs[row : row + size] = (
+                    np.asarray(argument).T if np.ndim(argument) > 1 else np.reshape(argument, (-1, 1))
+                )
+                row += size
         outputs = np.ascontiguousarray(self.in_columns(inputs).T)
         results, row = [], 0
         for rows, columns in self._out:

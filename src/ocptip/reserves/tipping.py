@@ -99,6 +99,11 @@ class TipOver:
         """Contacts, from 1, of each tipping axis."""
         return [axis.numbers for axis in self.axes]
 
+    @cached_property
+    def pairs(self) -> np.ndarray:
+        """(1 + axes, 2) contacts, from 1, of the tipping axes; the first row is that of none."""
+        return np.array([(0, 0), *self.edges])
+
     @property
     def on_polygon(self) -> bool:
         """Whether contacts are ordinary ones on one plane; the axes are the edges of their polygon."""

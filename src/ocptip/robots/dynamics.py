@@ -24,6 +24,7 @@ from ocptip.robots.model import ArmModel, joint_states
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
 _CACHED_MODELS = 64
+_NONE = np.zeros(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,10 +281,27 @@ def evaluate_dynamics(
     loads = []
     for name, value in (("force", force), ("moment", moment)):
         loads.append(finite_array(name, value, (3,) if np.ndim(value) < 2 else (count, 3)))
-    point = finite_array("about", about, (3,))
-    pull, spin = _at_mount(model, finite_array("gravity", gravity, (3,)), base_motion, count)
-    torque, wrench = dynamics_batch(model, bool(spin))(states, *rates, pull, *loads, point, *spin)
-    return Dynamics(torque[0], wrench[0]) if single else Dynamics(torque, wrench)
+    down, point = finite_array("gravity", gravity, (3,)), finite_array("about", about, (3,))
+    (speeds, accelerations), (push, turn) = rates, loads
+    dynamics = dynamics_of_states(model, states, speeds, accelerations, down, point, push, turn, base_motion)
+    return Dynamics(dynamics.torque[0], dynamics.wrench[0]) if single else dynamics
+
+
+def dynamics_of_states(
+    model: ArmModel,
+    q: np.ndarray,
+    qd: np.ndarray,
+    qdd: np.ndarray,
+    gravity: np.ndarray,
+    about: np.ndarray,
+    force: np.ndarray = _NONE,
+    moment: np.ndarray = _NONE,
+    base_motion: BaseMotion | None = None,
+) -> Dynamics:
+    """The same of N states (N, n) whose arrays are known to fit: checks take as long as a single state."""
+    pull, spin = _at_mount(model, gravity, base_motion, len(q))
+    torque, wrench = dynamics_batch(model, bool(spin))(q, qd, qdd, pull, force, moment, about, *spin)
+    return Dynamics(torque, wrench)
 
 
 def gripper_motion(

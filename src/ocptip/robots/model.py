@@ -424,4 +424,4 @@ def joint_states(name: str, value: ArrayLike, joints: int) -> tuple[np.ndarray, 
     """
     single = np.ndim(value) == 1
     array = finite_array(name, value, (joints,) if single else (None, joints))
-    return np.atleast_2d(array), single
+    return array[None] if single else array, single

@@ -23,7 +23,7 @@ from ocptip.robots.braking import gravity_torques
 from ocptip.robots.collision.gaps import GapLabel, usual_clearance
 from ocptip.robots.collision.model import collisions_of
 from ocptip.robots.collision.shapes import BodyShape
-from ocptip.robots.dynamics import Dynamics, evaluate_dynamics, inverse_dynamics, small_motions
+from ocptip.robots.dynamics import Dynamics, dynamics_of_states, inverse_dynamics, small_motions
 from ocptip.robots.geometry import Floor, Obstacle
 from ocptip.robots.kinematics import PointSpeeds, checked_points, gripper_batch, link_frames
 from ocptip.robots.model import ArmModel
@@ -307,14 +307,13 @@ class Robot(StandingMechanism):
         qdd: np.ndarray,
         process: np.ndarray | None,
         *,
-        gravity: ArrayLike,
-        about: ArrayLike,
+        gravity: np.ndarray,
+        about: np.ndarray,
         base_motion: BaseMotion | None = None,
     ) -> Dynamics:
-        """See `robots.dynamics.evaluate_dynamics`: of an arm with the process, (N, 6) if it varies."""
+        """See `robots.dynamics.dynamics_of_states`: of an arm with the process, (N, 6) if it varies."""
         arm, load = self.acts.on_gripper(arm, q, process)
-        given = {"gravity": gravity, "about": about, "base_motion": base_motion, **load}
-        return evaluate_dynamics(arm, q, qd, qdd, **given)
+        return dynamics_of_states(arm, q, qd, qdd, gravity, about, **load, base_motion=base_motion)
 
     def driving(self, profile: DriveProfile | None) -> Self:
         """The same robot on a base that drives so; None: it rests."""

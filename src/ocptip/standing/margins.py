@@ -81,7 +81,7 @@ class Margins:
             GN=tip_over.reference_moment / (tip_over.reference_moment + least),
             GT=shared.usage,
             tipping_moment=least,
-            tipping_contacts=_pairs(tip_over)[nearest + 1],
+            tipping_contacts=tip_over.pairs[nearest + 1],
             edge_distance=least / total,
             normal_forces=shared.normal_forces,
             min_foot_force=np.min(shared.normal_forces, axis=1),
@@ -108,7 +108,7 @@ class Margins:
             GN=tip.GN,
             GT=slipping.GT,
             tipping_moment=np.where(states.solved, _moments(states, tip_over, tip.margins), np.nan),
-            tipping_contacts=_pairs(tip_over)[tip.nearest_axis + 1],
+            tipping_contacts=tip_over.pairs[tip.nearest_axis + 1],
             edge_distance=tip.edge_distances,
             normal_forces=shown.normal_forces,
             min_foot_force=np.min(
@@ -127,7 +127,7 @@ class Margins:
         return Margins(**{name: values[k] for name, values in self._arrays().items()}, note=self.note)
 
     def _arrays(self) -> dict[str, np.ndarray]:
-        return {item.name: getattr(self, item.name) for item in fields(self) if item.name != "note"}
+        return {name: getattr(self, name) for name in _ARRAYS}
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; units are in the keys."""
@@ -157,9 +157,7 @@ class Margins:
         )
 
 
-def _pairs(tip_over: TipOver) -> np.ndarray:
-    """(1 + axes, 2) contacts of the tipping axes, from 1; the first row is that of none."""
-    return np.array([(0, 0), *tip_over.edges])
+_ARRAYS = tuple(item.name for item in fields(Margins) if item.name != "note")
 
 
 def _moments(states: ContactStates, tip_over: TipOver, margins: np.ndarray) -> np.ndarray:

@@ -52,9 +52,8 @@ class Native:
         if count == 0:
             return
         if count < self._lanes:
-            few = np.repeat(inputs[:, -1:], self._lanes, axis=1)
-            few[:, :count] = inputs
-            results = np.empty((len(outputs), self._lanes))
+            few, results = (np.empty((len(rows), self._lanes)) for rows in (inputs, outputs))
+            few[:, :count], few[:, count:] = inputs, inputs[:, -1:]
             self(few, constants, results)
             outputs[:] = results[:, :count]
             return
