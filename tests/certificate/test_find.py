@@ -42,10 +42,10 @@ def _swing(case="B", faster=1.0):
     return task, Trajectory.from_profiles(task.start, commands)
 
 
-def _nod(task):
-    """A motion of two joints: few intervals, where what is proved is costly in each."""
+def _nod(task, joints=2):
+    """A motion of the first joints: few intervals, where what is proved is costly in each."""
     way = 0.15 * (task.goal - task.start)
-    way[2:] = 0.0
+    way[joints:] = 0.0
     commands = [
         [RampCommand(a + w, 0.25 * v, 0.8)]
         for a, w, v in zip(task.start, way, task.robot.limits.speed, strict=True)
@@ -425,3 +425,19 @@ def test_contacts_in_general_position_are_proved(swing, places, lean, tolerance)
     if tolerance.given:  # one rule for all couples: with half of the moment that is left, at least
         value = checked.worst["GN_worst_case"].value
         assert value * 0.999 <= found.verdict.bounds["GN_worst_case"] <= 2.1 * value
+
+
+def test_without_delays_joints_have_one_case_in_an_interval_however_dense_switching_times_are(swing):
+    """Cases of six joints in one interval multiply: a proof of a linear controller had too many."""
+    task = swing[0]
+    motion = controller_points(_nod(task, 6).with_rise_times(0.02), "linear", step=0.002)
+    uncertain = Uncertainty(tilt=0.005, arm_mass=0.02)
+    robot, data = task.robot, motion_data(motion)
+    tolerance = tolerance_data(uncertain, robot.support)
+    goals = {TIP_WITHIN: 0.9, SLIP_WITHIN: 0.9}
+    weakest = worst_case_of(robot, uncertain).footing
+    search = SearchWithin(weakest, model_data(robot), data, tolerance, goals, np.empty(0))
+    starts, ends = search._first()
+    assert len(motion.event_times) > 200 * search.sharing.late.end  # two in each interval of 10 ms
+    groups = search.sharing.late.rows(starts, ends, np.zeros((len(starts), 6), dtype=bool))
+    assert sum(len(rows.number) for rows in groups) == len(starts)

@@ -183,8 +183,8 @@ class SearchWithin:
         late = self.sharing.late
         knots = self._knots[(self._knots > late.start) & (self._knots < late.end)]
         cuts = np.unique(np.concatenate([late.events, late.events + late.delay, knots]))
-        if len(cuts) > _DENSE * (late.end - late.start) / _LONGEST:
-            # any interval has switching times inside, short ones as well
+        if late.delay and len(cuts) > _DENSE * (late.end - late.start) / _LONGEST:
+            # any delay has switching times inside, also before short intervals
             cuts = np.array([late.start, *knots, late.end])
         cuts = np.append(cuts[:-1][np.diff(cuts) > _SHORTEST / 10], cuts[-1])
         ends = [np.zeros(1)]
