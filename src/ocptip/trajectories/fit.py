@@ -286,7 +286,7 @@ class _Spline:
 
     @cached_property
     def _rows(self) -> scipy.sparse.csc_matrix:
-        """Of the linear program, the same for all joints: no speed at the ends, jumps, distances."""
+        """Of the linear program, the same for all joints: ends at rest, acceleration steps, distances."""
         count = len(self.knots)
         none, each = scipy.sparse.csr_matrix((len(self.times), count)), scipy.sparse.identity(count)
         rows = [
