@@ -181,10 +181,8 @@ def test_without_time_checks_are_left_out_and_named(planner):
     assert plan.executions[0].points.times[-1] == pytest.approx(plan.motion.end)
     assert "trajectory" not in plan.to_dict()
     assert plan.verified
-    assert (
-        "not complete, the time was up or it was interrupted: check of the points in trajectory.json,"
-        in PlanReport(plan).to_text()
-    )
+    text = " ".join(PlanReport(plan).to_text().split())
+    assert "the time was up or it was interrupted: check of the points in trajectory.json," in text
     assert plan.to_dict()["left_out"] == list(plan.left_out)
     unknown = replace(plan, left_out=("stops",))
     assert not unknown.verified
