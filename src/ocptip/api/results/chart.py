@@ -15,6 +15,7 @@ from ocptip.basics.text import percent, quantity
 from ocptip.basics.write import versions
 from ocptip.pictures.frame import png
 from ocptip.pictures.load_chart import chart_figure, design_picture
+from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.chart_cells import ChartCell, ReachBySector
 from ocptip.standing.at_rest.levels import LargestLevels
@@ -202,7 +203,8 @@ class LoadChart(SavedFolder):
     @property
     def not_covered(self) -> tuple[str, ...]:
         """What the chart leaves out."""
-        return NOT_COVERED[self.moves :]
+        shared = equal_normal_map(self.robot.support) is not None
+        return (*NOT_COVERED[self.moves :], *(["friction of equally compliant contacts"] * shared))
 
     @property
     def ignored(self) -> tuple[str, ...]:
