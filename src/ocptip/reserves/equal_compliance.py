@@ -12,12 +12,15 @@ from functools import lru_cache
 
 import numpy as np
 
+from ocptip.contact.bindings.laws import normal_range
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Slip, SlipReserve
 
 _SIDES = 16  # directions in which a base may slide
+_UNIQUE = 3  # contacts on a plane whose normal forces equilibrium determines; as many balances
+_SINGULAR = 1e-9
 _LIFTED = 1e-6  # of the weight: a foot that would pull so little is at rounding
 
 
@@ -112,7 +115,22 @@ def normal_map_of(support: Support) -> np.ndarray | None:
 
     While all press. None where only one sharing is possible, or where it is not known.
     """
-    return support.elastic.normal_map if support.elastic else equal_normal_map(support)
+    if support.elastic:
+        return support.elastic.normal_map
+    known = equal_normal_map(support)
+    return _map_on_a_plane(support) if known is None else known
+
+
+def _map_on_a_plane(support: Support) -> np.ndarray | None:
+    """The map for wheels of any model on one plane: tangential forces do not change normal ones."""
+    presses = all(normal_range(contact) == (0.0, np.inf) for contact in support.contacts)
+    if support.dimension != 3 or not presses or len(support.contacts) <= _UNIQUE:
+        return None
+    columns = support.wrench_matrix.reshape(6, -1, 3)
+    scale = np.r_[np.ones(3), np.full(3, 1 / support.length)]
+    u, s, _ = np.linalg.svd(scale[:, None] * columns[:, :, 1:].reshape(6, -1))
+    free = (u[:, np.count_nonzero(s > _SINGULAR * s[0]) :]).T * scale  # what no tangential force changes
+    return -np.linalg.pinv(free @ columns[:, :, 0]) @ free if len(free) == _UNIQUE else None
 
 
 def slides_beyond(support: Support, normal_map: np.ndarray, share: float = 1.0) -> np.ndarray:

@@ -8,7 +8,7 @@ import pytest
 import ocptip
 from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.bindings.wheel import FreeWheel
+from ocptip.contact.bindings.wheel import DrivenWheel, FreeWheel
 from ocptip.contact.force_programs import LoadRays
 from ocptip.contact.support import Support
 from ocptip.standing.at_rest.drive_envelope import Manoeuvres, first_zero, largest_manoeuvres
@@ -85,6 +85,20 @@ def test_wheels_amid_casters_brake_with_their_share_of_the_weight(stiffness, sha
     assert found.alike[0] == found.largest[0] == pytest.approx(2 * share * friction * G, rel=1e-7)
     assert found.slip[0] > 1.4 * found.alike[0]
     assert np.all(largest_manoeuvres(carried(support), Q, paths, ROUGH).alike < found.alike)
+
+
+def test_driven_wheels_amid_casters_share_the_weight_likewise():
+    friction, places = 0.6, [[0, y, 0] for y in (-0.22, 0.22)]
+    around_them = [[x, y, 0] for x in (-0.3, 0.32) for y in (-0.2, 0.2)]
+    casters = [UnilateralContact(position=place, friction=0.0) for place in around_them]
+    strong = [DrivenWheel(position=p, friction=friction, torque=1e4, radius=0.1) for p in places]
+    found = []
+    for wheels in (strong, feet(places, friction)):
+        support = Support([*wheels, *casters], mass=59.0, center_of_mass=[0.02, 0, 0.2])
+        paths = Manoeuvres.accelerations(around(5), support.gravity)
+        found.append(largest_manoeuvres(carried(support), Q, paths))
+    np.testing.assert_allclose(found[0].alike, found[1].alike, rtol=1e-7)
+    np.testing.assert_allclose(found[0].lift, found[1].lift, rtol=1e-7)
 
 
 @pytest.mark.parametrize("angle", [0.0, 2.0, 4.0])
