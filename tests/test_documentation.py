@@ -29,8 +29,10 @@ BLOCKS = {
     for name, text in TEXTS.items()
     for number, code in enumerate(re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL), 1)
 }
-SLOW = ("ocptip.plan(", "plan_motion(", "place(", "ocptip.check(")  # calls that take many seconds
-SLOW_COMMANDS = ("ocptip parallel", "--workspace")  # as well; tests/cli looks at what they print
+SLOW = ("ocptip.plan(", "plan_motion(", "place(", "ocptip.check(", "ocptip.drive(", "ocptip.chart(")
+"""Calls that take seconds."""
+SLOW_COMMANDS = ("ocptip parallel", "--workspace")
+"""Commands that do; tests/cli looks at what they print."""
 COMMANDS = sorted({
     line.split("#")[0].strip()
     for text in TEXTS.values()
