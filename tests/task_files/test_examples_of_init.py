@@ -191,6 +191,16 @@ def test_a_wheel_that_swivels_beside_its_axle_is_a_caster(tmp_path):
     assert "rear: caster that swivels freely, 40 mm behind its swivel, radius 0.05 m" in reasons
 
 
+def test_a_caster_of_two_links_is_one_contact_and_a_wheeled_base_is_no_wheel(tmp_path):
+    low = SOLID.format("0 0 0", "0 0 0", '<box size="0.2 0.2 0.2"/>')
+    frame = [link("wheeled_base", 1.0, solid=low)]
+    frame.append(JOINT.format("wheeled_base_joint", "fixed", "chassis", "wheeled_base", "0 0 0", "0 0 1"))
+    rear = [*caster("rear_caster_1", "-0.4 0 -0.05"), *caster("rear_caster_2", "-0.4 0 -0.05")]
+    _, kinds, reasons = base_of(tmp_path, *two_wheels(), *rear, *frame)
+    assert [kind for kind, *_ in kinds] == ["wheel", "wheel", "caster"]
+    assert "wheeled_base" not in reasons
+
+
 def test_wheels_that_are_all_called_casters_are_driven(tmp_path):
     _, kinds, _ = base_of(tmp_path, *(part.replace("wheel_", "caster_") for part in cart()))
     assert [kind for kind, *_ in kinds] == 4 * ["wheel"]

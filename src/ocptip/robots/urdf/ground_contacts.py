@@ -16,7 +16,8 @@ from ocptip.robots.urdf.file import UrdfFile
 from ocptip.robots.urdf.parser import pinocchio_model
 from ocptip.robots.urdf.resting import resting_configuration, resting_links
 
-_WHEEL = re.compile(r"wheel", re.IGNORECASE)
+_APART = 1e-3  # m: contacts that are nearer to each other are one
+_WHEEL = re.compile(r"wheel(?!ed)", re.IGNORECASE)
 _CASTER = re.compile(r"cast[eo]r|(^|_)ball(_|$)", re.IGNORECASE)
 _FOOTPRINT = re.compile(r"(^|_)base_footprint$")  # on the ground below the base, by convention of ROS
 
@@ -150,7 +151,10 @@ def ground_contacts(file: UrdfFile, arm: ArmModel, centre: np.ndarray) -> list[G
     ground = min(wheel.low for wheel in wheels)
     touching = [wheel for wheel in wheels if wheel.low < ground + _LEVEL]
     driven = all(wheel.caster for wheel in touching)
-    results = [contact for rocking in _by_rocker(touching) for contact in _contacts_of(rocking, driven)]
+    results = list[GroundContact]()
+    for contact in (one for rocking in _by_rocker(touching) for one in _contacts_of(rocking, driven)):
+        if all(np.linalg.norm(contact.position - other.position) > _APART for other in results):
+            results.append(contact)  # else it is the fork of a caster, or its wheel
     if inside(np.array([contact.position for contact in results]), centre[None])[0] < _INSIDE:
         names = {wheel.name for wheel in wheels}
         others = {link: points for link, points in outlines.items() if link not in names}
