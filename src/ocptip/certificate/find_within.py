@@ -29,6 +29,7 @@ _MOST, _TOO_MANY = 6000, 20_000  # rows of combinations: for more intervals; at 
 LOSS_WITHIN = 5e-3
 """Relative, how far claims are from the sampled worst values: nearer ones take several times as long."""
 _LOSS = 2e-4  # relative, how far those of GT are from what is proved where that is not enough
+_STEP = 0.01  # relative: first step of a share, and of what it exceeds its goal by, which is near enough
 _STEPS_OF_WEIGHTS = (0.5,) * 8 + (0.2,) * 8  # how far they go from try to try
 _PATIENCE, _SLOW = 4, 0.9  # after so many tries, the share that may be left of what is missing
 _IN_VAIN, _FEW = 1.6, 4  # so many times the intervals before: what is missing is not their length
@@ -337,8 +338,8 @@ class SearchWithin:
         some = [_some(part, part.beyond & part.holds) for part in self._parts]
         if not any(len(part.interval) for part in some):
             return low
-        step, share = _LOSS * low, low
-        while high - low > 2 * _LOSS * low:
+        goal, step, share = low, _STEP * low, low
+        while high - low > max(2 * _LOSS * low, _STEP * (high - goal)):
             more = [
                 _some(part, ~(self.sharing.held(part.terms, part.forces[:, 0], part.weights, share) >= 0))
                 for part in some
