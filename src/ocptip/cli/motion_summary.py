@@ -36,6 +36,11 @@ def notes(checked: MotionCheck) -> list[str]:
             f"an equally compliant foot lifts {contacts.alike}; the other feet hold the base. "
             "Declare `stiffness` of the contacts to plan with their springs"
         )
+    elif checked.within and checked.within.alike and checked.within.alike.value < 0:
+        results.append(
+            f"within the uncertainty an equally compliant foot may lift {checked.within.alike}. What helps: "
+            "accelerations that rise more slowly (--rise-time), or `stiffness` of the contacts where known"
+        )
     for name, held in checked.objects.items():
         if held.alike and held.alike.value < 0:
             results.append(

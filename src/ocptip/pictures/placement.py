@@ -43,7 +43,7 @@ from ocptip.placement.terrain import Patch
 BEST = "#d00000"
 CAUSES = {
     "reach": ("out of reach", "#e8e8e8"),
-    "bounds": ("bounds", "#cfcfcf"),
+    "bounds": ("beyond the bounds of the place", "#cfcfcf"),
     "contact area": ("contact beyond the edge", "#cfcfcf"),
     "terrain": ("terrain", "#cfcfcf"),
     "base clearance": ("base in obstacle", "#a6a6a6"),

@@ -144,8 +144,8 @@ class SafeDecelerations:
             safe = f"{least:g} to {greatest:g} %" if least < greatest else f"about {greatest:g} %"
             each = " by joint" if len(set(self.full)) > 1 and not self.together else ""
             most = self.deceleration(self.maximum) + each
-            most = f"{most}, harder ones were not tried" if hardest.safe else f"at most {most}"
-            kept = f"safe at {safe} of {of}, {most}"
+            end = ", harder ones were not tried" if hardest.safe else ""
+            kept = f"safe at {safe} of {of}, at {greatest:g} % {most}{end}"
         gentlest = self.levels[-1]
         if self.minimum is not None:  # why no gentler one is safe
             gentlest = next((level for level in self.levels if level.share < self.minimum), hardest)

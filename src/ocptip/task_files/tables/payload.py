@@ -91,7 +91,9 @@ def load_table(data: Table, segment: Table | None = None, key: str = "payload") 
     Raises:
         InputError: no such name, or several names and no segments.
     """
-    names = _names(data, key)
+    names, reserved = _names(data, key), {"payload": _PAYLOAD, "process": _PROCESS}[key].keys
+    if taken := [name for name in names if name in reserved]:
+        raise data.error(f"{taken[0]!r} is a key of [{key}]; give the load another name", f"{key}.{taken[0]}")
     if segment is None or key not in segment:
         if segment is None and names:
             raise data.error(f"{', '.join(names)}: only segments can choose between several", key)
