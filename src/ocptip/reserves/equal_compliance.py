@@ -18,7 +18,8 @@ from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Slip, SlipReserve
 
-_SIDES = 16  # directions in which a base may slide
+_SIDES = 16  # directions in which a base may slide, and about which points beside its middle
+_RADII = 0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 5.0  # how far these are, in lengths of the support
 _UNIQUE = 3  # contacts on a plane whose normal forces equilibrium determines; as many balances
 _SINGULAR = 1e-9
 _LIFTED = 1e-6  # of the weight: a foot that would pull so little is at rounding
@@ -133,7 +134,9 @@ def _map_on_a_plane(support: Support) -> np.ndarray | None:
     return -np.linalg.pinv(free @ columns[:, :, 0]) @ free if len(free) == _UNIQUE else None
 
 
-def slides_beyond(support: Support, normal_map: np.ndarray, share: float = 1.0) -> np.ndarray:
+def slides_beyond(
+    support: Support, normal_map: np.ndarray, share: float = 1.0, *, fine: bool = False
+) -> np.ndarray:
     """(k, 6) functions of the wrench, positive where the base slides along or about some axes.
 
     Sliding with these velocities takes at least the friction of each contact times its speed. Motions between
@@ -143,11 +146,14 @@ def slides_beyond(support: Support, normal_map: np.ndarray, share: float = 1.0) 
         support: spatial.
         normal_map: (n, 6) normal forces, N, per wrench.
         share: of the friction that is enough.
+        fine: turns about some 100 more points: then friction is known to 5 % (4 % in 9,000 random states).
     """
     normal, *tangents = support.frames[0].T
     angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
     along = np.column_stack([np.cos(angles), np.sin(angles)]) @ np.array(tangents)
-    centres = np.vstack([support.arms.mean(axis=0), support.arms])
+    middle = support.arms.mean(axis=0)
+    radii = support.length * np.array(_RADII if fine else ())
+    centres = np.vstack([middle, support.arms, *(middle + radius * along for radius in radii)])
     about = [np.r_[-np.cross(sign * normal, arm), sign * normal] for arm in centres for sign in (1, -1)]
     twists = np.vstack([np.hstack([along, np.zeros_like(along)]), about])
     velocities = np.einsum("rw,wkc->rkc", twists, support.wrench_matrix.reshape(6, -1, 3))

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
+from ocptip.contact.support import Support
 from ocptip.reserves.equal_compliance import equal_normal_map, equal_sharing, slides_beyond
 from ocptip.standing.footing import Footing
 
-_ENOUGH = 0.7  # of the friction along and about some axes: then all of it is enough about every axis
+_ENOUGH = 0.95  # of the friction along and about some axes: then all of it is enough about every axis
+_ALIKE = 1e-9
 _FIRST = 20  # wrenches that are solved before the others
 _NEIGHBOURS = 32  # wrenches that share a box
 
 
 class AlikeFriction:
-    """The friction of equally compliant feet under wrenches; without effect where it is no matter of these.
+    """The friction of equally compliant feet under wrenches, where contacts differ in their coefficients.
+
+    Where they do not, the best sharing slides at the same tangential force. It is left out there.
 
     Args:
         footing: a base on its contacts.
@@ -25,9 +29,10 @@ class AlikeFriction:
     def __init__(self, footing: Footing) -> None:
         self._footing, self.slides, support = footing, None, footing.support
         normal_map = equal_normal_map(support) if support.dimension == 3 else None
-        if normal_map is not None:
-            self.slides = slides_beyond(support, normal_map)
-            self._doubtful = np.vstack([slides_beyond(support, normal_map, _ENOUGH), -normal_map])
+        if normal_map is not None and _differ(support):
+            self.slides = slides_beyond(support, normal_map, fine=True)
+            enough = slides_beyond(support, normal_map, _ENOUGH, fine=True)
+            self._doubtful = np.vstack([enough, -normal_map])
 
     def slips(self, wrenches: np.ndarray) -> int | None:
         """Row of one of the wrenches (N, 6) under which such feet slip or lose the base; None: under none."""
@@ -38,6 +43,11 @@ class AlikeFriction:
             if equal is not None and not np.all(equal.stands):
                 return int(rows[np.argmax(np.nan_to_num(equal.GT, nan=np.inf))])
         return None
+
+
+def _differ(support: Support) -> bool:
+    slopes = [contact.force_pieces()[0].slope for contact in support.contacts]
+    return max(slopes) - min(slopes) > _ALIKE * max(slopes)
 
 
 def beyond(half_spaces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
