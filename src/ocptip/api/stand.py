@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from ocptip.api.results.stand import Standing, worst_of_scene
+from ocptip.api.inputs.worst_scene import worst_of_scene
+from ocptip.api.results.stand import Standing
 from ocptip.basics.errors import InputError, naming
 from ocptip.contact.verdict import stability, standing_state
 from ocptip.reserves.slip import Slip

@@ -429,11 +429,10 @@ def draw_scene(
     below: str = "",
 ) -> Figure:
     """A Matplotlib figure of a scene, see `plot_scene`."""
-    picture = ScenePicture(scene, states, tip, slip, index)
-    labels = Labels()
+    picture, labels = ScenePicture(scene, states, tip, slip, index), Labels()
     figure = new_figure(13.0, 7.0)
-    color = "black" if states.persistent[index] else BROKEN
-    head(figure, picture.title, below, color=color if not below else BROKEN)
+    color = BROKEN if below or not states.persistent[index] else "black"
+    head(figure, picture.title, below, color=color)
     if scene.planar:
         left, right = figure.subplots(1, 2, width_ratios=[1.7, 1.0])
         draw_plane(left, picture, labels)

@@ -434,8 +434,7 @@ def _rises_of_jerk(robot: StandingMechanism, limits: Limits) -> tuple[float, ...
 
     Within a rise time an acceleration changes by no more than from its limit to the opposite one.
     """
-    jerks = limits.jerks(robot.limits)
-    if not np.isfinite(jerks).any():
+    if not np.isfinite(jerks := limits.jerks(robot.limits)).any():
         return None
     rises = 2 * robot.limits.acceleration / jerks
     return checked_rise_times(np.where(rises > 0, np.maximum(rises, SHORTEST_RISE), 0.0), robot.n, "jerk")
@@ -445,8 +444,7 @@ def _joints(item: Any, names: tuple[str, ...]) -> list[int]:
     """Numbers of joints, from 0, given by name, by pattern ("joint_*") or by number from 1."""
     if is_whole(item) and 1 <= item <= len(names):
         return [item - 1]
-    if isinstance(item, str):
-        fitting = [j for j, name in enumerate(names) if name == item or fnmatchcase(name, item)]
-        if fitting:
-            return fitting
+    every = names if isinstance(item, str) else ()
+    if fitting := [j for j, name in enumerate(every) if name == item or fnmatchcase(name, item)]:
+        return fitting
     raise InputError(f"no joint {item!r}; there are 1 to {len(names)}: {', '.join(names)}")

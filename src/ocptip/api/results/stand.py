@@ -13,6 +13,7 @@ import numpy as np
 
 from ocptip import pictures
 from ocptip.api.inputs.requirements import PAYLOAD, Outcome, Requirement, deviation, read_requirements
+from ocptip.api.inputs.worst_scene import worst_of_scene
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import NOISE, percent, quantity
 from ocptip.basics.write import versions, write_json
@@ -36,17 +37,9 @@ if TYPE_CHECKING:
     from ocptip.standing.within.design import Design
     from ocptip.standing.within.rest import WithinAtRest
 
-NO_MARGIN = 1 - 1e-9
-"""GN and GT from here on are 1 but for rounding."""
+NO_MARGIN = 1 - 1e-9  # GN and GT from here on are 1 but for rounding
 _DOUBLINGS = 12  # of a required deviation, until a contact is lost
 _MOST = {"tilt": 45.0, "friction loss": 99.9}  # what an uncertainty may have, deg and %
-
-
-def worst_of_scene(scene: Scene, tolerance: Uncertainty, reference: float | None = None) -> WithinAtRest:
-    """The worst case of a scene within an uncertainty; the reference moment, N m, is that of GN."""
-    from ocptip.standing.within.rest import scene_within  # loads CasADi, which other scenes do not need
-
-    return scene_within(scene.support, scene.loads, tolerance, reference)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -94,20 +87,19 @@ class Standing:
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the data as JSON, or a picture (.png, .pdf, .svg), into a file; returns its path."""
-        path = Path(path)
-        if path.suffix == ".json":
+        if (path := Path(path)).suffix == ".json":
             write_json(path, self.to_dict())
-            return path
-        slip, below = reported_slip(self.states, self.slip), "; ".join(self._not_in_state)
-        pictures.scene.plot_scene(self.scene, self.states, self.tip, slip, path, below=below)
+        else:
+            slip, below = reported_slip(self.states, self.slip), "; ".join(self._not_in_state)
+            pictures.scene.plot_scene(self.scene, self.states, self.tip, slip, path, below=below)
         return path
 
     @property
     def _not_in_state(self) -> Iterator[str]:
         """What is not stable although the state that is drawn is."""
+        known = self.within if self.nominally_stable else None
         if self.states.persistent[0] and not self.stable:
-            scope = f"within {self.within.scope}" if self.nominally_stable else "in every solution"
-            yield f"NOT STABLE {scope}"
+            yield f"NOT STABLE {f'within {known.scope}' if known else 'in every solution'}"
         if self.posture and self.posture.refusals:
             yield "the arm cannot rest there"
 

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.text import margin_text, quantity
-from ocptip.reserves.equal_compliance import equal_normal_map, slides_beyond
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.reserves.slip import known
 from ocptip.standing.arm import Robot
@@ -23,6 +22,7 @@ from ocptip.standing.contact_margins import Margin
 from ocptip.standing.limit_kinds.limit import Sampled
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.within.alike import friction_if_alike, least_if_alike
 from ocptip.standing.within.late_joints import DelayedStates, jump_states, on_time
 from ocptip.standing.within.torques import maximum_torques
 from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_cases_of
@@ -220,9 +220,9 @@ def worst_contacts(cases: WorstCase, motion: Trajectory, times: np.ndarray) -> d
         "tip": tip,
         "slip": slip,
         "states": len(delayed.times),
-        "alike": _least_if_alike(cases, delayed),
+        "alike": least_if_alike(cases, delayed),
         "foot_force": _least_foot_force(cases, motion, acting, delayed),
-        "alike_friction": _friction_if_alike(cases, delayed),
+        "alike_friction": friction_if_alike(cases, delayed),
         "course": course,
     }
 
@@ -241,41 +241,6 @@ def worst_slip_of(cases: WorstCase, states: DelayedStates) -> WorstInstant | Non
     if np.max(known(bad)) <= cases.enough:
         return None
     return _worst_slip(cases, states.some(np.argsort(-bad, kind="stable")[:EXACT]))
-
-
-def _least_if_alike(cases: WorstCase, states: DelayedStates) -> Margin | None:
-    """Minimum normal force of a foot if all gave alike, by slopes over the deviations."""
-    if (shares := equal_normal_map(cases.footing.support)) is None:
-        return None
-    wrenches, over = cases.deviations.wrench_and_slopes(
-        states.s, np.zeros((len(states.s), cases.deviations.size))
-    )
-    forces = wrenches @ shares.T
-    for k, share in enumerate(shares):
-        change = np.einsum("w,nwt->nt", share, over)
-        forces[:, k] += np.einsum("nt,nt->n", change, cases.deviations.least(change, states.max_delay))
-    row, foot = np.unravel_index(np.argmin(forces), forces.shape)
-    return Margin(float(forces[row, foot]), float(states.times[row]), (int(foot) + 1,))
-
-
-def _friction_if_alike(cases: WorstCase, states: DelayedStates) -> Margin | None:
-    """Share of the friction that feet use if all give alike and press, by slopes over the deviations."""
-    support = cases.footing.support
-    if (shares := equal_normal_map(support)) is None:
-        return None
-    pulls, beyond = (slides_beyond(support, shares, share) for share in (0.0, 1.0))
-    wrenches, over = cases.deviations.wrench_and_slopes(
-        states.s, np.zeros((len(states.s), cases.deviations.size))
-    )
-    used = np.zeros((len(pulls), len(wrenches)))
-    for k, (pull, more) in enumerate(zip(pulls, beyond, strict=True)):
-        change = np.einsum("w,nwt->nt", more, over)
-        theta = cases.deviations.least(-change, states.max_delay)
-        worst = wrenches + np.einsum("nwt,nt->nw", over, theta)
-        friction = worst @ (pull - more)
-        used[k] = np.where(friction > 0, worst @ pull / np.where(friction > 0, friction, 1.0), 0.0)
-    axis, row = np.unravel_index(np.argmax(used), used.shape)
-    return Margin(float(used[axis, row]), float(states.times[row]))
 
 
 def _least_foot_force(
