@@ -14,6 +14,7 @@ from ocptip.task_files.cycle import load_cycle, read_task
 from ocptip.task_files.motion import load_task
 from tests.motion.cycles.cycle_files import CYCLE, written
 from tests.motion.test_task import MODULAR, TWO_JOINTS, URDF
+from tests.places import EXAMPLES
 
 
 def changed(text, *pairs):
@@ -142,3 +143,15 @@ def test_what_is_refused(tmp_path, old, new, message):
     with pytest.raises(InputError, match=rf"^swing.toml: {message}") as error:
         read_task(written(tmp_path, changed(CYCLE, (old, new))))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("name", ["mass", "box"])
+def test_a_load_is_not_named_like_a_key(tmp_path, name):
+    text = (EXAMPLES / "tasks" / "ur5_pick_and_place.toml").read_text(encoding="utf-8")
+    known = text.split("[payload.")[1].split("]")[0]
+    text = text.replace(f"[payload.{known}", f"[payload.{name}").replace(f'"{known}"', f'"{name}"')
+    text = text.replace("ur5.urdf", str(EXAMPLES / "tasks" / "ur5.urdf").replace("\\", "/"))
+    file = tmp_path / "task.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=rf"payload\.{name}: '{name}' is a key of \[payload\]"):
+        ocptip.load_task(file)
