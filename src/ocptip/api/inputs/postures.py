@@ -11,16 +11,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
-from ocptip.basics.text import did_you_mean, quantity
+from ocptip.basics.text import did_you_mean, quantity, towards
 from ocptip.contact.support import Load, Support
 from ocptip.motion.cycles.task import CycleTask, Task
 from ocptip.numerics.bisection import border
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.directions import pushes
 from ocptip.standing.at_rest.largest_level import largest_levels_kept
 from ocptip.standing.at_rest.levels import largest_tried
 from ocptip.standing.at_rest.load_cases import RestLoads
+from ocptip.standing.at_rest.loss_search import Deviation, LargestLevel, LossSearch
 from ocptip.standing.at_rest.raised import RaisedPayload
 from ocptip.standing.at_rest.refusals import own_refusals
 from ocptip.standing.at_rest.sensitivity import (
@@ -154,6 +156,25 @@ class RestingPosture:
         return largest_slope(self.robot, gravity, lambda tilted: loads.wrenches(tilted)[0])
 
     @cached_property
+    def largest_push(self) -> LargestLevel | None:
+        """The largest push at the TCP, N, in its worst direction, that loses no contact; None as a slope."""
+        if self.largest_slope is None:
+            return None
+        robot, gravity = Robot.of(self.robot), self.robot.support.gravity
+        loads = RestLoads(robot, self.q[None])
+        nominal, most = loads.wrenches(gravity), robot.mass * float(np.linalg.norm(gravity))
+
+        def pushed(sides: np.ndarray) -> list[Deviation]:
+            return [
+                Deviation(
+                    lambda force, side=side: nominal + loads.at_tool(force * side), side[None], towards(side)
+                )
+                for side in sides
+            ]
+
+        return LossSearch.beyond(robot, nominal).largest(most, pushed, pushes(gravity))
+
+    @cached_property
     def held_by_drives(self) -> float:
         """kg: the largest point mass at the TCP, beyond what is held, that the drives hold at rest.
 
@@ -266,6 +287,7 @@ class RestingPosture:
             "units": list(self.robot.units),
             "torques": self.instant.torques[0].tolist(),
             "broken": self.refusals,
+            "largest_push": self.largest_push and vars(self.largest_push),
         }
 
 

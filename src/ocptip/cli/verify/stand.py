@@ -188,6 +188,8 @@ class StandReport(GatedReport):
             rows.append(("Min foot force", f"{quantity(max(forces[k], 0.0), 'N')} (contact {k + 1})"))
         if result.largest_slope:
             rows.append(("Max slope", _slope_text(result.largest_slope)))
+        if (push := result.posture and result.posture.largest_push) and push.row >= 0:
+            rows.append(("Max push", f"{quantity(push.level, 'N')} at the TCP, nominal, {push.how}"))
         if largest := result.largest_payload:
             scope = f"within {result.tolerance.title}" if result.tolerance.given else "nominal"
             rows.append(("Max payload", f"{largest}; all that hangs at the TCP, {scope}, limits kept"))

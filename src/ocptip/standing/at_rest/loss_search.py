@@ -71,6 +71,12 @@ class LossSearch:
         if alike and alike.slides is not None and self._held is not None:
             self._predicting = np.vstack([self._held, alike.slides])
 
+    @classmethod
+    def beyond(cls, footing: Footing, nominal: np.ndarray) -> LossSearch:
+        """The search from wrenches (N, 6) on: equally compliant feet count if they hold these."""
+        alike = AlikeFriction(footing)
+        return cls(footing, alike if alike.slips(nominal) is None else None)
+
     def lost(self, wrenches: np.ndarray) -> tuple[int, str] | None:
         """Row of the worst wrench under which a contact is lost, and how; None if none is."""
         if (result := self._lost(wrenches)) is not None or self._alike is None:

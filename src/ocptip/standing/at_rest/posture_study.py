@@ -22,7 +22,6 @@ from ocptip.robots.inverse.pose_search import Orientation, search
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
-from ocptip.standing.at_rest.alike_friction import AlikeFriction
 from ocptip.standing.at_rest.directions import pushes, slopes, tilted
 from ocptip.standing.at_rest.load_cases import RestLoads
 from ocptip.standing.at_rest.loss_search import Deviation, LossSearch
@@ -274,10 +273,10 @@ class PostureStudy:
     def robustness(self, conditions: Conditions) -> Robustness:
         """The robustness beyond the conditions; nominal, with sampled directions of tilt and push."""
         footing, (gravity, push) = self._footing(conditions.friction), self._acting(conditions)
-        payload, alike = conditions.payload, AlikeFriction(footing)
+        payload = conditions.payload
         wrench = self._wrenches(conditions, gravity, payload, push)
         margins = Margins.under(wrench, footing.tip_over, footing.slip)[0]
-        contacts = LossSearch(footing, alike if alike.slips(wrench) is None else None)
+        contacts = LossSearch.beyond(footing, wrench)
 
         def tilts(sides: np.ndarray) -> list[Deviation]:
             floors = partial(tilted, gravity, sides)
