@@ -3,13 +3,18 @@
 import numpy as np
 import pytest
 
+from ocptip.api.inputs.postures import RestingPosture
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.tolerated import tolerated
 from ocptip.reserves.equal_compliance import equal_sharing
 from ocptip.standing.at_rest.alike_friction import AlikeFriction
+from ocptip.standing.at_rest.directions import pushes
+from ocptip.standing.at_rest.load_cases import RestLoads
+from ocptip.standing.at_rest.loss_search import LossSearch
 from ocptip.standing.at_rest.slope import largest_slope, tilted_wrench
 from ocptip.standing.footing import Footing
+from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.in_motion import worst_within
 from ocptip.trajectories.trajectory import Trajectory
@@ -64,3 +69,22 @@ def test_what_is_not_solved_is_held(shift):
     assert 60 < np.count_nonzero(equal.stands) < 240
     for wrench, stands in zip(wrenches, equal.stands, strict=True):
         assert (every.slips(wrench[None]) is None) == stands
+
+
+def test_the_largest_push_on_a_posture_is_what_the_wheels_bear():
+    """Nearly so much in some sampled direction, and no more in any, of the search's first ones."""
+    support = on_wheels(1e-4)
+    posture = RestingPosture.of("cart", "given", carried(support), np.zeros(1), Limits())
+    found = posture.largest_push
+    assert found is not None
+    search, loads = (
+        LossSearch.beyond(posture.robot, support.weight[None]),
+        RestLoads(posture.robot, posture.q[None]),
+    )
+    for share, holds in ((0.99, True), (1.01, False)):
+        pushed = [
+            loads.wrenches(support.gravity) + loads.at_tool(share * found.level * side)
+            for side in pushes(support.gravity).sides
+        ]
+        assert (search.lost(np.vstack(pushed)) is None) == holds
+    assert found.how.endswith("slips if equally compliant")
