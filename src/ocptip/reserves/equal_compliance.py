@@ -134,6 +134,12 @@ def _map_on_a_plane(support: Support) -> np.ndarray | None:
     return -np.linalg.pinv(free @ columns[:, :, 0]) @ free if len(free) == _UNIQUE else None
 
 
+def friction_differs(support: Support) -> bool:
+    """Whether contacts differ in friction; else each sharing slides at the same tangential force."""
+    slopes = [contact.force_pieces()[0].slope for contact in support.contacts]
+    return max(slopes) - min(slopes) > _SINGULAR * max(slopes)
+
+
 def slides_beyond(
     support: Support, normal_map: np.ndarray, share: float = 1.0, *, fine: bool = False
 ) -> np.ndarray:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.contact.support import Support
-from ocptip.reserves.equal_compliance import equal_normal_map, equal_sharing, slides_beyond
+from ocptip.reserves.equal_compliance import (
+    equal_normal_map,
+    equal_sharing,
+    friction_differs,
+    slides_beyond,
+)
 from ocptip.standing.footing import Footing
 
 _ENOUGH = 0.95  # of the friction along and about some axes: then all of it is enough about every axis
-_ALIKE = 1e-9
 _FIRST = 20  # wrenches that are solved before the others
 _NEIGHBOURS = 32  # wrenches that share a box
 
@@ -29,7 +32,7 @@ class AlikeFriction:
     def __init__(self, footing: Footing) -> None:
         self._footing, self.slides, support = footing, None, footing.support
         normal_map = equal_normal_map(support) if support.dimension == 3 else None
-        if normal_map is not None and _differ(support):
+        if normal_map is not None and friction_differs(support):
             self.slides = slides_beyond(support, normal_map, fine=True)
             enough = slides_beyond(support, normal_map, _ENOUGH, fine=True)
             self._doubtful = np.vstack([enough, -normal_map])
@@ -43,11 +46,6 @@ class AlikeFriction:
             if equal is not None and not np.all(equal.stands):
                 return int(rows[np.argmax(np.nan_to_num(equal.GT, nan=np.inf))])
         return None
-
-
-def _differ(support: Support) -> bool:
-    slopes = [contact.force_pieces()[0].slope for contact in support.contacts]
-    return max(slopes) - min(slopes) > _ALIKE * max(slopes)
 
 
 def beyond(half_spaces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:

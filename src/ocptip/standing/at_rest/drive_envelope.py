@@ -20,7 +20,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.contact.force_programs import LoadRays
-from ocptip.reserves.equal_compliance import normal_map_of
+from ocptip.reserves.equal_compliance import friction_differs, normal_map_of
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.standing.within.deviations import Deviations
@@ -130,7 +130,8 @@ class LargestManoeuvres:
         slip: (P,) up to which friction holds; as large as `tip` where the base tips first.
         normals: (P, 6) of half spaces that limit the load there.
         alike: (P,) up to which friction holds if wheels are equally compliant, or as stiff as declared;
-            `LARGEST` where it holds until one lifts, or where only one sharing of the load is possible.
+            `LARGEST` where it holds until one lifts, and where only one sharing of the load is possible, or
+            all wheels have the same friction.
         times: (P,) s, of the worst instant of a motion; None: of a posture.
     """
 
@@ -312,7 +313,9 @@ class ManoeuvreSearch:
 
     def alike(self, lift: np.ndarray, slip: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """(P,) parameters up to which friction holds, see `LargestManoeuvres`."""
-        if (normal_map := normal_map_of(self._cases.footing.support)) is None:
+        support = self._cases.footing.support
+        matters = bool(support.elastic) or friction_differs(support)
+        if not matters or (normal_map := normal_map_of(support)) is None:
             return np.full(len(lift), LARGEST)
         most = np.minimum(lift, slip)
         values = self.slip(most, normals, normal_map)[0]
