@@ -27,7 +27,7 @@ from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.alike_friction import AlikeFriction
 from ocptip.standing.at_rest.directions import pushes, slopes, tilted
 from ocptip.standing.at_rest.load_cases import LinearLoads, MotionLoads, ObjectLoads
-from ocptip.standing.at_rest.loss_search import CLOSE, Deviation, Loads, LossSearch
+from ocptip.standing.at_rest.loss_search import CLOSE, Deviation, Loads, LossSearch, pushed
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
 from ocptip.standing.footing import Footing
@@ -158,14 +158,7 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
     base = _Tolerating(robot, parts, times)
     least = base.in_motion(_late(robot, motion, lambda *states: robot.loads(*states)[1]))
     free, nominal = robot.support.gravity, parts.total()
-
-    def forces(sides: np.ndarray) -> list[Deviation]:
-        per_newton = map(parts.at_tool, sides)
-        return [
-            _towards(side, "", lambda force, one=one: nominal + force * one)
-            for side, one in zip(sides, per_newton, strict=True)
-        ]
-
+    forces = pushed(nominal, parts.at_tool, _direction)
     most_push = float(np.linalg.norm(free)) * robot.mass
     mass = base.largest("extra_mass", "kg", 1.0, robot.mass, _alone(lambda m: nominal + m * parts.extra))
     least["extra_mass"] = replace(mass, drives=parts.held_by_drives(robot, motion))
@@ -197,7 +190,7 @@ class _Tolerating:
     def __init__(self, footing: Footing, parts: LinearLoads, times: np.ndarray) -> None:
         self._footing, self._parts, self._times = footing, parts, times
         # Where equally compliant feet slip nominally, a headline says so, and the best sharing counts.
-        self._alike = AlikeFriction(footing).slips(parts.total()) is None
+        self._alike = AlikeFriction.if_held(footing, parts.total()) is not None
         self._contacts = self._search(footing)
         self._what = "" if footing is parts.robot else f"{footing.name} "
 

@@ -78,7 +78,7 @@ def test_the_largest_push_on_a_posture_is_what_the_wheels_bear():
     found = posture.largest_push
     assert found is not None
     search, loads = (
-        LossSearch.beyond(posture.robot, support.weight[None]),
+        LossSearch(posture.robot, AlikeFriction(posture.robot)),
         RestLoads(posture.robot, posture.q[None]),
     )
     for share, holds in ((0.99, True), (1.01, False)):

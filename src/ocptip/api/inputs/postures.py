@@ -18,11 +18,12 @@ from ocptip.numerics.bisection import border
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.alike_friction import AlikeFriction
 from ocptip.standing.at_rest.directions import pushes
 from ocptip.standing.at_rest.largest_level import largest_levels_kept
 from ocptip.standing.at_rest.levels import largest_tried
 from ocptip.standing.at_rest.load_cases import RestLoads
-from ocptip.standing.at_rest.loss_search import Deviation, LargestLevel, LossSearch
+from ocptip.standing.at_rest.loss_search import LargestLevel, LossSearch, pushed
 from ocptip.standing.at_rest.raised import RaisedPayload
 from ocptip.standing.at_rest.refusals import own_refusals
 from ocptip.standing.at_rest.sensitivity import (
@@ -163,16 +164,8 @@ class RestingPosture:
         robot, gravity = Robot.of(self.robot), self.robot.support.gravity
         loads = RestLoads(robot, self.q[None])
         nominal, most = loads.wrenches(gravity), robot.mass * float(np.linalg.norm(gravity))
-
-        def pushed(sides: np.ndarray) -> list[Deviation]:
-            return [
-                Deviation(
-                    lambda force, side=side: nominal + loads.at_tool(force * side), side[None], towards(side)
-                )
-                for side in sides
-            ]
-
-        return LossSearch.beyond(robot, nominal).largest(most, pushed, pushes(gravity))
+        search = LossSearch(robot, AlikeFriction.if_held(robot, nominal))
+        return search.largest(most, pushed(nominal, loads.at_tool, towards), pushes(gravity))
 
     @cached_property
     def held_by_drives(self) -> float:

@@ -37,6 +37,12 @@ class AlikeFriction:
             enough = slides_beyond(support, normal_map, _ENOUGH, fine=True)
             self._doubtful = np.vstack([enough, -normal_map])
 
+    @classmethod
+    def if_held(cls, footing: Footing, nominal: np.ndarray) -> AlikeFriction | None:
+        """The friction, if it holds nominal wrenches (N, 6); else a headline says that it does not."""
+        alike = cls(footing)
+        return alike if alike.slips(nominal) is None else None
+
     def slips(self, wrenches: np.ndarray) -> int | None:
         """Row of one of the wrenches (N, 6) under which such feet slip or lose the base; None: under none."""
         if self.slides is None:

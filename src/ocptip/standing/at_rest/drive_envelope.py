@@ -332,7 +332,7 @@ class ManoeuvreSearch:
             normal_map: (n, 6) normal forces, N, per wrench, if springs determine them.
         """
         rays = LoadRays(self._cases.footing.support, normal_map)
-        self._free = normal_map is None
+        facets = self._facets if normal_map is None else None
         values, todo = most.copy(), np.arange(len(most))
         off, held = np.zeros((len(most), self.deviations.size)), {}
         if first is not None:
@@ -341,7 +341,7 @@ class ManoeuvreSearch:
         for _ in range(_ROUNDS):
             polynomials = self.polynomials(todo, off[todo], np.maximum(values[todo], _STEP) / 2)
             slips = [
-                self._slips(rays, polynomial, values[k], held)
+                self._slips(rays, facets, polynomial, values[k], held)
                 for k, polynomial in zip(todo, polynomials, strict=True)
             ]
             x, normals = (
@@ -360,6 +360,7 @@ class ManoeuvreSearch:
     def _slips(
         self,
         rays: LoadRays,
+        facets: np.ndarray | None,
         coefficients: np.ndarray,
         most: float,
         held: dict[bytes, tuple[float, np.ndarray]],
@@ -371,7 +372,7 @@ class ManoeuvreSearch:
         start, slope, bend = coefficients
         key = start.tobytes()
         if key not in held:
-            inside = self._free and self._facets is not None and bool(np.all(self._facets @ start <= 0))
+            inside = facets is not None and bool(np.all(facets @ start <= 0))
             held[key] = (1.0, 0 * start) if inside else rays.farthest(0 * start, start)
         share, normal = held[key]
         if share < _HELD:

@@ -36,6 +36,24 @@ class Deviation:
     how: str = ""
 
 
+def pushed(
+    nominal: np.ndarray, at_tool: Callable[[np.ndarray], np.ndarray], words: Callable[[np.ndarray], str]
+) -> Callable[[np.ndarray], list[Deviation]]:
+    """Pushes at the TCP beside nominal wrenches (N, 6), by directions (P, 3); the level is the force, N.
+
+    Args:
+        nominal: the wrenches.
+        at_tool: wrenches (N, 6) of a force (3,), N.
+        words: of a direction (3,).
+    """
+
+    def towards(side: np.ndarray) -> Deviation:
+        per_newton = at_tool(side)
+        return Deviation(lambda force: nominal + force * per_newton, side[None], words(side))
+
+    return lambda sides: [towards(side) for side in sides]
+
+
 @dataclass(frozen=True)
 class LargestLevel:
     """The largest level of a deviation that loses no contact.
@@ -70,12 +88,6 @@ class LossSearch:
         self._alike, self._predicting = alike, self._held
         if alike and alike.slides is not None and self._held is not None:
             self._predicting = np.vstack([self._held, alike.slides])
-
-    @classmethod
-    def beyond(cls, footing: Footing, nominal: np.ndarray) -> LossSearch:
-        """The search from wrenches (N, 6) on: equally compliant feet count if they hold these."""
-        alike = AlikeFriction(footing)
-        return cls(footing, alike if alike.slips(nominal) is None else None)
 
     def lost(self, wrenches: np.ndarray) -> tuple[int, str] | None:
         """Row of the worst wrench under which a contact is lost, and how; None if none is."""

@@ -22,6 +22,7 @@ from ocptip.robots.inverse.pose_search import Orientation, search
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.alike_friction import AlikeFriction
 from ocptip.standing.at_rest.directions import pushes, slopes, tilted
 from ocptip.standing.at_rest.load_cases import RestLoads
 from ocptip.standing.at_rest.loss_search import Deviation, LossSearch
@@ -276,7 +277,7 @@ class PostureStudy:
         payload = conditions.payload
         wrench = self._wrenches(conditions, gravity, payload, push)
         margins = Margins.under(wrench, footing.tip_over, footing.slip)[0]
-        contacts = LossSearch.beyond(footing, wrench)
+        contacts = LossSearch(footing, AlikeFriction.if_held(footing, wrench))
 
         def tilts(sides: np.ndarray) -> list[Deviation]:
             floors = partial(tilted, gravity, sides)

@@ -118,9 +118,7 @@ def largest_slope(
 
     if not holds(wrench(gravity)):
         return None
-    # Where equally compliant feet slip without a slope, the verdict says so, and the best sharing counts.
-    every = AlikeFriction(footing)
-    alike = every if every.slips(wrench(gravity)[None]) is None else None
+    alike = AlikeFriction.if_held(footing, wrench(gravity)[None])
 
     def kept(side: np.ndarray, angle: float) -> bool:
         load = wrench(tilted(gravity, side, angle))
