@@ -24,7 +24,7 @@ from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, SPEED, DesignLeve
 
 SAMPLES, SECTORS = 10_000, 8
 KINDS = ("payload", "tilt", "push")
-_BLOCK = 500  # postures between two reports of progress
+_BLOCK = 2_000  # postures between two reports of progress
 _QUANTILES = (0.1, 0.3, 0.6, 0.9)
 """Levels of the reaches, as shares of the postures that do not keep them."""
 
@@ -114,18 +114,18 @@ def chart(
 
     def kept(support: Support, override: float = 1.0) -> LargestLevels:
         nonlocal ready
-        standing, box, parts = robot.varied(support=support), _box(robot, limits, shares, override), []
+        box, parts = _box(robot, limits, shares, override), []
+        raised = _raised(of, robot.varied(support=support), push_height)
+        top = raised.most if most is None else positive_number("most", most) / raised.scale
         for begin in range(0, max(len(q), 1), _BLOCK):
             block = q[begin : begin + _BLOCK]
-            raised = _raised(of, standing, block, push_height)
-            top = raised.most if most is None else positive_number("most", most) / raised.scale
             parts.append(largest_levels_kept(raised, limits, block, top, box))
             ready += len(block)
             if progress is not None:
                 progress(ready, total, None)
         return LargestLevels.joined(parts)
 
-    support, raised = robot.support, _raised(of, robot, q, push_height)
+    support, raised = robot.support, _raised(of, robot, push_height)
     largest = kept(support)
     rated = robot.payload.mass if robot.payload and of == "payload" else None
     tried = raised.most * raised.scale if most is None else most
@@ -146,9 +146,9 @@ def chart(
     )
 
 
-def _raised(of: str, robot: Robot, q: np.ndarray, height: float | None) -> Raised:
+def _raised(of: str, robot: Robot, height: float | None) -> Raised:
     if of == "push":
-        return RaisedPush(robot, q, height)
+        return RaisedPush(robot, height)
     return RaisedTilt(robot) if of == "tilt" else RaisedPayload(robot)
 
 

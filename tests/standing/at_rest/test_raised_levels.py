@@ -84,7 +84,7 @@ def test_postures_whose_torques_are_too_large_on_a_level_floor_keep_no_tilt(kit)
 def test_at_the_largest_push_the_moment_is_the_smallest_allowed(kit, height):
     robot, limits = kit
     q = random_postures(robot.arm, 20)
-    found = largest_levels_kept(RaisedPush(robot, q, height), limits, q, 500.0)
+    found = largest_levels_kept(RaisedPush(robot, height), limits, q, 500.0)
     need, rows = robot.tip_over.reference_moment * (1 / limits.GN - 1), tipping(found)
     assert len(rows) > 5
     feet = np.array([contact.position for contact in robot.support.contacts])
@@ -109,7 +109,7 @@ def test_at_the_largest_push_the_moment_is_the_smallest_allowed(kit, height):
 def test_within_an_uncertainty_levels_are_smaller_and_kept_by_random_deviations(kit, kind):
     robot, limits = kit
     q = random_postures(robot.arm, 8)
-    raised = RaisedPush(robot, q) if kind is RaisedPush else kind(robot)
+    raised = kind(robot)
     nominal = largest_levels_kept(raised, limits, q, raised.most)
     within = largest_levels_kept(raised, replace(limits, tolerance=LARGE), q, raised.most)
     assert (within.levels <= nominal.levels).all()

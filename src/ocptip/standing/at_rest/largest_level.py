@@ -25,7 +25,7 @@ from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.standing.within.deviations import Deviations
 from ocptip.standing.within.tolerable import AT_REST
-from ocptip.standing.within.worst_case import WorstCase, WorstDeviations
+from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_case_of
 
 _ROUNDS = 40
 _TURNS = 2  # how often the worst motion is chosen for the worst deviations, and these for it
@@ -79,13 +79,13 @@ class _LevelSearch:
     def __init__(
         self, raised: Raised, limits: Limits, q: np.ndarray, most: float, box: JointBox | None
     ) -> None:
-        self.raised, self.robot, self.box = raised, raised.robot, box
+        self.raised, self.robot, self.box = raised.at(q), raised.robot, box
         if self.robot.tip_over.free_rotation:
             raise InputError("chart: nothing resists a rotation of the base about its contacts")
         self.limits, self.q, still = limits, q, np.zeros(q.shape)
         given = [name for name in AT_REST if name in limits.tolerance.given]
         self.tolerance = limits.tolerance.only(*given)
-        self._cases = WorstCase(self.robot, raised.counted(self.tolerance))
+        self._cases = worst_case_of(self.robot, raised.counted(self.tolerance))
         raised.raised(self._cases, np.ones(1))  # builds what all that is derived from it shares
         self._s = np.hstack([q, still, still])
         slope, reference = raised.reference_slope, self.robot.tip_over.reference_moment or 0.0
@@ -338,11 +338,13 @@ class _LevelSearch:
     def _tilted(self, deviations: Deviations, over: np.ndarray, facets: np.ndarray) -> np.ndarray:
         """(k, R) by how much a tilted floor moves wrenches beyond facets; over (k, 6, 3) gravity."""
         down = self.robot.support.gravity
-        pull = np.tensordot(over, facets, (1, 1))  # (k, 3, R)
-        along = -np.einsum("ktr,t->kr", pull, down)
-        size = np.linalg.norm(pull, axis=1) * np.linalg.norm(down)
-        angle = np.arccos(np.clip(along / np.maximum(size, 1e-300), -1.0, 1.0))
-        return along - size * np.cos(np.minimum(angle + deviations.tilt, np.pi))
+        pull = np.stack([over[:, :, axis] @ facets.T for axis in range(3)])  # (3, k, R)
+        along = -np.tensordot(down, pull, 1)
+        size = np.sqrt(np.einsum("tkr,tkr->kr", pull, pull)) * np.linalg.norm(down)
+        # cos(a) - cos(a + tilt) at the angle a of pull and gravity, up to its largest value at pi.
+        across = np.sqrt(np.maximum(size**2 - along**2, 0.0))
+        most = along * (1 - np.cos(deviations.tilt)) + across * np.sin(deviations.tilt)
+        return np.where(along < -np.cos(deviations.tilt) * size, along + size, most)
 
     def _friction_by_bisection(self, cases: WorstCase, GT: float) -> None:
         if self.box or not self.raised.by_deviations:

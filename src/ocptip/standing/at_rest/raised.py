@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -68,6 +68,10 @@ class Raised:
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.arms = robot, (robot.arm, robot.arm)
+
+    def at(self, q: np.ndarray) -> Self:
+        """The same in postures (N, n), which `rows` count from here on."""
+        return self
 
     def counted(self, tolerance: Uncertainty) -> Uncertainty:
         """An uncertainty that has all deviations which this kind needs."""
@@ -183,20 +187,26 @@ class RaisedPush(Raised):
 
     Args:
         robot: that is pushed.
-        q: (N, n) postures.
         height: m, above the lowest contact, in line with the centre of the contacts; None: at the TCP.
     """
 
     name, unit, by_deviations = "push", "N", False
+    _q: np.ndarray
 
-    def __init__(self, robot: Robot, q: np.ndarray, height: float | None = None) -> None:
+    def __init__(self, robot: Robot, height: float | None = None) -> None:
         super().__init__(robot)
-        self._q, self._height = q, height
+        self._height = height
         place = "at the TCP" if height is None else f"{height:g} m above the lowest contact"
         self.title = f"largest push along the floor in any direction {place}"
         self.most = 2.0 * float(np.linalg.norm(robot.support.weight[:3]))
         down = robot.support.gravity
         self._up = -down / np.linalg.norm(down)
+
+    def at(self, q: np.ndarray) -> Self:
+        """See `Raised`."""
+        other = type(self)(self.robot, self._height)
+        other._q = q
+        return other
 
     @cached_property
     def _places(self) -> np.ndarray:
