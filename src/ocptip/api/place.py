@@ -58,8 +58,22 @@ def place(
     task.problem.robot.require_no_objects("place")
     if uncertainty is not None:
         task = task.within(load_tolerance(uncertainty))
+    how = {"starts": starts, "seed": seed, "progress": progress}
+    if (alike := task.problem.if_alike) is None:
+        return _placed(task, **how)
+    if (placed := _placed(replace(task, problem=alike), **how)).verified:
+        return placed
+    # Another sharing of the load may hold the base where equally compliant contacts slip.
+    placed = _placed(task, **how)
+    if not placed.found:
+        return placed
+    return replace(placed, alike=placement_within(replace(placed.best, problem=alike), task.tolerance))
+
+
+def _placed(task: PlacementTask, **how: Any) -> Placed:
+    """Placements that keep all limits, those alone that hold the whole uncertainty if there are any."""
     try:
-        answer = search(task.problem, starts=starts, seed=seed, progress=progress)
+        answer = search(task.problem, **how)
     except NoPlacementError as error:
         return Placed(task.name, error)
     if searched(task.tolerance) == task.tolerance:
@@ -86,12 +100,15 @@ class Placed(SavedFolder):
         answer: the placements, the best first; or the error that says which constraint cannot be met.
         within: the best one at the worst of an uncertainty of more than its base; None: none was given.
         dropped: placements that do not hold that uncertainty.
+        alike: the best one if its contacts are equally compliant, where these keep the limits nowhere; None:
+            they do, and are rated so, or only one sharing of the load counts.
     """
 
     name: str
     answer: PlacementResult | NoPlacementError
     within: WithinAtRest | None = None
     dropped: int = 0
+    alike: WithinAtRest | None = None
 
     @property
     def found(self) -> bool:
@@ -129,7 +146,8 @@ class Placed(SavedFolder):
             data = result_to_dict(self.name, self.answer)
         else:
             data = refusal_to_dict(self.name, self.answer)
-        return {**data, **({"within": self.within.to_dict(), "dropped": self.dropped} if self.within else {})}
+        data |= {"within": self.within.to_dict(), "dropped": self.dropped} if self.within else {}
+        return data | ({"if_feet_give_alike": self.alike.to_dict()} if self.alike else {})
 
     def write(
         self, folder: str | os.PathLike[str], *, figures: bool = True, extra: Mapping[str, Any] | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, get_args
 
@@ -24,6 +24,7 @@ from ocptip.placement.cone import FEWEST, enclosure, enough
 from ocptip.placement.power import HoldingPower, TorqueCost
 from ocptip.placement.stand import Feet, Stand
 from ocptip.placement.terrain import Patch
+from ocptip.reserves.equal_compliance import equally_compliant
 from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.robots.geometry import Obstacle
 from ocptip.robots.inverse.pose_search import Orientation
@@ -258,6 +259,7 @@ class PlacementProblem:
         ground_frame: position (3,) and rotation (3, 3) of the ground frame in base axes; default the point
             of the contacts' plane on the base's z axis, for contacts in a plane z = const.
         tolerance: of the base; contact limits and criteria hold for, and are of, the worst that it allows.
+        alike: the robot's contacts have the springs of `if_alike`.
         footing: the base on its nominal contacts, with the minimum friction (filled in).
         stands: how the base stands on each patch (filled in).
         corners: what the tolerance allows at worst, one entry without tolerance (filled in).
@@ -276,6 +278,7 @@ class PlacementProblem:
     gravity: Sequence[float] = None  # pyright: ignore[reportAssignmentType] # filled in
     ground_frame: tuple[np.ndarray, np.ndarray] = None  # pyright: ignore[reportAssignmentType] # filled in
     tolerance: Uncertainty = field(default_factory=Uncertainty)
+    alike: bool = False
 
     footing: Footing = field(init=False)
     stands: tuple[Stand, ...] = field(init=False)
@@ -312,6 +315,15 @@ class PlacementProblem:
                     f"arm {arm!r} on this terrain has {free}; use 'axis' or 'free'"
                 )
         self._fill_in()
+
+    @property
+    def if_alike(self) -> PlacementProblem | None:
+        """This problem with equally compliant contacts; None unless rigid ones that differ in friction leave
+        the sharing of loads open.
+        """
+        if (support := equally_compliant(self.robot.support)) is None:
+            return None
+        return replace(self, robot=self.robot.varied(support=support, redistribution=None), alike=True)
 
     @property
     def collision_checked(self) -> bool:

@@ -316,6 +316,7 @@ def _asked(problem: PlacementProblem) -> dict[str, Any]:
         "references": problem.references,
         "limits": asdict(problem.limits),
         "unloaded": problem.unloaded,
+        "equally_compliant": problem.alike,
         "tolerance": problem.tolerance.to_dict(),
         "contact_cases": len(problem.cases) * len(problem.corners),
         "tasks": tasks,

@@ -134,6 +134,12 @@ def _map_on_a_plane(support: Support) -> np.ndarray | None:
     return -np.linalg.pinv(free @ columns[:, :, 0]) @ free if len(free) == _UNIQUE else None
 
 
+def equally_compliant(support: Support) -> Support | None:
+    """The same feet with equal stiffness; None where their friction is the same, and as `equal_sharing`."""
+    slip = _equal_slip(support)
+    return slip.support if slip and friction_differs(support) else None
+
+
 def friction_differs(support: Support) -> bool:
     """Whether contacts differ in friction; else each sharing slides at the same tangential force."""
     slopes = [contact.force_pieces()[0].slope for contact in support.contacts]

@@ -83,6 +83,19 @@ class PlaceReport(FolderReport):
         """The best place, or the one of minimum violation and which constraints it breaks."""
         answer, shown, within = self.result.answer, self.result.best, self.result.within
         head, lines = _found(answer) if isinstance(answer, PlacementResult) else refusal_lines(answer)
+        if alike := self.result.alike:
+            but = "" if alike.stands else ", BUT equally compliant feet slip"
+            head = head.replace("verified", f"verified{but}", 1)
+            lines.append(
+                (
+                    "sharing",
+                    f"friction used is for the best; equally compliant feet use {alike.friction_used}",
+                )
+            )
+        elif shown.problem.alike:
+            lines.append(
+                ("sharing", "contacts differ in friction: its use is that of equally compliant feet")
+            )
         if within:
             if not within.stands:
                 head = f"NO PLACEMENT for {within.scope}. In the nominal model: {head}"

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.reserves.equal_compliance import (
-    equal_normal_map,
     equal_sharing,
-    friction_differs,
+    equally_compliant,
     slides_beyond,
 )
 from ocptip.standing.footing import Footing
@@ -31,8 +30,9 @@ class AlikeFriction:
 
     def __init__(self, footing: Footing) -> None:
         self._footing, self.slides, support = footing, None, footing.support
-        normal_map = equal_normal_map(support) if support.dimension == 3 else None
-        if normal_map is not None and friction_differs(support):
+        equal = equally_compliant(support) if support.dimension == 3 else None
+        if equal and equal.elastic:
+            normal_map = equal.elastic.normal_map
             self.slides = slides_beyond(support, normal_map, fine=True)
             enough = slides_beyond(support, normal_map, _ENOUGH, fine=True)
             self._doubtful = np.vstack([enough, -normal_map])

@@ -122,6 +122,12 @@ class WithinAtRest:
         """N m, at the worst, by M0 of GN, N m; negative where the base tips: so much is missing."""
         return moment_at(self.GN, reference)
 
+    @property
+    def friction_used(self) -> str:
+        """Share of the friction at the worst, and the deviations there: "81.2 % (friction -10 %)"."""
+        used = quantity(100 * self.GT, "%", 3) if self.GT <= 1 else self.demand.used
+        return f"{used} ({self.GT_worst or 'nominal'})"
+
     def lines(self, reference: float | None) -> list[str]:
         """In words.
 
@@ -133,8 +139,7 @@ class WithinAtRest:
         if reference:
             left = margin_text(self.tipping_margin(reference), "N m", 4)
             results.append(f"tipping margin >= {left} ({self.GN_worst or 'nominal'})")
-        used = quantity(100 * self.GT, "%", 3) if self.GT <= 1 else self.demand.used
-        results.append(f"friction used <= {used} ({self.GT_worst or 'nominal'})")
+        results.append(f"friction used <= {self.friction_used}")
         return results + ([f"not included at rest: {', '.join(self.ignored)}"] if self.ignored else [])
 
 
