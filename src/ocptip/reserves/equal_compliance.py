@@ -18,6 +18,9 @@ from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Slip, SlipReserve
 
+ENOUGH = 0.95
+"""Share of the friction: where it is enough along and about fine axes, all of it is about every axis."""
+
 _SIDES = 16  # directions in which a base may slide, and about which points beside its middle
 _RADII = 0.25, 0.5, 0.75, 1.0, 1.5, 2.5, 5.0  # how far these are, in lengths of the support
 _UNIQUE = 3  # contacts on a plane whose normal forces equilibrium determines; as many balances

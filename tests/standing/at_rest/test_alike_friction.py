@@ -1,23 +1,31 @@
 """Wheels amid casters: equally compliant ones slip long before the best sharing of the load does."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from ocptip.api.chart import halton_postures
 from ocptip.api.inputs.postures import RestingPosture
+from ocptip.api.tasks import load_task
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.tolerated import tolerated
-from ocptip.reserves.equal_compliance import equal_sharing
+from ocptip.reserves.equal_compliance import equal_sharing, equally_compliant
+from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.alike_friction import AlikeFriction
-from ocptip.standing.at_rest.directions import pushes
+from ocptip.standing.at_rest.directions import around, pushes, tilted
+from ocptip.standing.at_rest.largest_level import largest_levels_kept
 from ocptip.standing.at_rest.load_cases import RestLoads
 from ocptip.standing.at_rest.loss_search import LossSearch
+from ocptip.standing.at_rest.raised import RaisedPush, RaisedTilt
 from ocptip.standing.at_rest.slope import largest_slope, tilted_wrench
 from ocptip.standing.footing import Footing
 from ocptip.standing.limits import Limits
-from ocptip.standing.tolerance import Uncertainty
+from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.standing.within.in_motion import worst_within
 from ocptip.trajectories.trajectory import Trajectory
+from tests.places import EXAMPLES
 from tests.standing.test_base_motion import carried
 
 FRICTION = 0.6
@@ -88,3 +96,47 @@ def test_the_largest_push_on_a_posture_is_what_the_wheels_bear():
         ]
         assert (search.lost(np.vstack(pushed)) is None) == holds
     assert found.how.endswith("slips if equally compliant")
+
+
+@pytest.mark.parametrize("kind", [RaisedTilt, RaisedPush])
+@pytest.mark.parametrize("stiffness", [None, 1e5])
+@pytest.mark.parametrize("within", [NONE, Uncertainty(friction=0.2, tilt=np.radians(1.0))])
+def test_charts_leave_the_wheels_a_third_of_the_weight(kind, stiffness, within):
+    """Amid casters; feet of equal friction with declared springs use all. At most 5 % is left out."""
+    support = on_wheels(1e-4)
+    springs = equally_compliant(support)
+    if stiffness:
+        springs = support.varied(
+            [replace(c, friction=FRICTION / 3, stiffness=stiffness) for c in support.contacts]  # pyright: ignore
+        )
+    assert springs is not None
+    raised = kind(carried(springs), *([0.0] if kind is RaisedPush else []))
+    limits = Limits(tolerance=within)
+    found = largest_levels_kept(raised, limits, np.zeros((1, 1)), raised.most)
+    share = min(limits.GT, limits.GT_worst_case * (1 - within.friction)) * FRICTION / 3
+    by_hand = np.arctan(share) - within.tilt
+    if kind is RaisedPush:
+        by_hand = 60 * 9.81 * np.sin(by_hand) / np.cos(np.arctan(share))
+    assert 0.94 * by_hand < found.levels[0] <= by_hand * (1 + 1e-6)
+    assert found.names[found.limits[0]] == "friction"
+
+
+@pytest.mark.parametrize("mass", [100.0, pytest.param(15.0, marks=pytest.mark.slow)])
+def test_charts_of_tilts_count_wheels_that_lift(mass):
+    """Of a light cart some do: no tilted floor of a fine fan slips at the level, one does a little above."""
+    cart = Robot.of(load_task(EXAMPLES / "tasks" / "ur5_cart.toml").robot)
+    support = cart.support.varied(on_wheels(0.3).contacts, mass=mass)
+    robot = cart.varied(support=support, reference_moment=None)
+    raised = RaisedTilt(robot.varied(support=equally_compliant(support)))
+    q = halton_postures(robot, Limits(), 4, 0)
+    found = largest_levels_kept(raised, Limits(), q, raised.most)
+    sides = around(support.gravity, 72)
+    for posture, level in zip(q, found.levels, strict=True):
+        loads = RestLoads(robot, posture[None])
+        most = []
+        for share in (1.0, 1.06):
+            floors = tilted(support.gravity, sides, np.full(72, share * level))
+            equal = equal_sharing(robot.contact_states(np.vstack([loads.wrenches(g) for g in floors])))
+            assert equal is not None
+            most.append(np.max(np.nan_to_num(equal.GT, nan=np.inf)))
+        assert most[0] < 0.9 < most[1]

@@ -15,7 +15,7 @@ from ocptip.basics.text import percent, quantity
 from ocptip.basics.write import versions
 from ocptip.pictures.frame import png
 from ocptip.pictures.load_chart import chart_figure, design_picture
-from ocptip.reserves.equal_compliance import equal_normal_map
+from ocptip.reserves.equal_compliance import equally_compliant
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.chart_cells import ChartCell, ReachBySector
 from ocptip.standing.at_rest.levels import LargestLevels
@@ -201,10 +201,14 @@ class LoadChart(SavedFolder):
         return f"joints at up to {' and '.join(shares)} limits in any direction"
 
     @property
+    def equally_compliant(self) -> bool:
+        """Whether friction is that of equally compliant contacts: where contacts differ in it."""
+        return equally_compliant(self.robot.support) is not None
+
+    @property
     def not_covered(self) -> tuple[str, ...]:
         """What the chart leaves out."""
-        shared = equal_normal_map(self.robot.support) is not None
-        return (*NOT_COVERED[self.moves :], *(["friction of equally compliant contacts"] * shared))
+        return NOT_COVERED[self.moves :]
 
     @property
     def ignored(self) -> tuple[str, ...]:
@@ -232,6 +236,7 @@ class LoadChart(SavedFolder):
             "scope": self.scope,
             "not_covered": [*self.not_covered, *self.ignored],
             "assumed": list(self.robot.notes),
+            "equally_compliant": self.equally_compliant,
             "joints": self.shares,
             "tolerance": limits.tolerance.to_dict(),
             "limits": {name: getattr(limits, name) for name in (*names, *(within if given else ()))},

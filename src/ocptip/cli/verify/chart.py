@@ -124,6 +124,8 @@ class ChartReport(FolderReport):
         shares = [f"{100 * counts[k] / len(result.q):.0f} % {result.largest.names[names[k]]}" for k in order]
         shares = [share for share in shares if not share.startswith("0 %")]
         rows = under("limited by", [*shares, "(per cent of the postures)"])
+        if result.equally_compliant:
+            rows.append(("note", "contacts differ in friction: its use is that of equally compliant ones"))
         if result.broken:
             rows.append(("note", f"{result.broken} postures break a limit without any {result.raised.name}"))
         tolerance = result.limits.tolerance

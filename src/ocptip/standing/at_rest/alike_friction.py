@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.reserves.equal_compliance import (
+    ENOUGH,
     equal_sharing,
     equally_compliant,
     slides_beyond,
 )
 from ocptip.standing.footing import Footing
 
-_ENOUGH = 0.95  # of the friction along and about some axes: then all of it is enough about every axis
 _FIRST = 20  # wrenches that are solved before the others
 _NEIGHBOURS = 32  # wrenches that share a box
 
@@ -34,7 +34,7 @@ class AlikeFriction:
         if equal and equal.elastic:
             normal_map = equal.elastic.normal_map
             self.slides = slides_beyond(support, normal_map, fine=True)
-            enough = slides_beyond(support, normal_map, _ENOUGH, fine=True)
+            enough = slides_beyond(support, normal_map, ENOUGH, fine=True)
             self._doubtful = np.vstack([enough, -normal_map])
 
     @classmethod

@@ -16,6 +16,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.bisection import borders
+from ocptip.reserves.equal_compliance import ENOUGH, slides_beyond
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.model import ArmModel
 from ocptip.standing.at_rest.joint_box import JointBox
@@ -37,6 +38,7 @@ _SAME = 1e-6  # cosines: a facet that is a tipping axis
 _PRODUCTS = 3.0  # times all relative deviations: what their products add, at most, to the sum of changes
 _SHIFTED = 0.1  # of what motion adds: covers a payload that is elsewhere
 _AT_ONCE = 8  # facets of a posture that are evaluated exactly, the nearest first
+_AXES = 4  # directions in which a search for the worst tilt begins
 _FIRST = 24  # facets of a posture of which the worst case is bounded before all others
 
 
@@ -258,11 +260,15 @@ class _LevelSearch:
         """Lower all to a friction utilisation.
 
         Half spaces of the friction cone lie inside it, see `reserves.wrench_cone`: at most 1.9 % of the
-        friction is not counted. Where there are none, payloads and tilts are bisected.
+        friction is not counted. On springs they are those of sliding while all contacts press, with 5 % less
+        friction. Where contacts lift, and where there are no half spaces, payloads and tilts are bisected.
         """
-        facets = cases.footing.slip.half_spaces(GT)
+        facets, springs = cases.footing.slip.half_spaces(GT), cases.footing.support.elastic
+        if facets is None and springs:
+            share = ENOUGH * GT
+            facets = slides_beyond(cases.footing.support, springs.normal_map, share, fine=True)
         if facets is None:
-            self._friction_by_bisection(cases, GT)
+            self._friction_by_bisection(cases, GT, np.flatnonzero(self.kept_at_zero))
             return
         affine = cases.footing.tip_over.affine_moments
         if affine is not None and len(facets):
@@ -287,6 +293,11 @@ class _LevelSearch:
                 kept[n[~broken], k[~broken]] = True
                 self._to_zero(n, loaded, s, worst, 0.0, lost, np.full(len(n), self._axes))
                 rows = np.unique(n)
+        if springs and self.box is None and self.raised.by_deviations:
+            rows, lifts = np.flatnonzero(self.kept_at_zero), -springs.normal_map
+            if len(rows):
+                n, _ = self._near_facets(cases, lifts, rows, np.zeros((len(self.q), len(lifts)), dtype=bool))
+                self._friction_by_bisection(cases, GT, np.unique(n))
 
     def _near_facets(
         self, cases: WorstCase, facets: np.ndarray, rows: np.ndarray, kept: np.ndarray
@@ -346,18 +357,20 @@ class _LevelSearch:
         most = along * (1 - np.cos(deviations.tilt)) + across * np.sin(deviations.tilt)
         return np.where(along < -np.cos(deviations.tilt) * size, along + size, most)
 
-    def _friction_by_bisection(self, cases: WorstCase, GT: float) -> None:
+    def _friction_by_bisection(self, cases: WorstCase, GT: float, rows: np.ndarray) -> None:
         if self.box or not self.raised.by_deviations:
             raise InputError(
                 f"chart: friction of these contacts is not known by half spaces, which charts of a "
                 f"{self.raised.name} {'of joints that move ' * bool(self.box)}need"
             )
 
-        def kept(rows: np.ndarray, levels: np.ndarray) -> np.ndarray:
-            return self.raised.raised(cases, levels).slip(self._s[rows]).values <= GT
+        # Without any tilt no friction may be needed: then no slope says towards where to tilt.
+        starts = 1 if self.raised.convex else 1 + _AXES
 
-        rows = np.arange(len(self.q))
-        rows = rows[~kept(rows, self.levels)]
+        def kept(rows: np.ndarray, levels: np.ndarray) -> np.ndarray:
+            return self.raised.raised(cases, levels).slip(self._s[rows], starts).values <= GT
+
+        rows = rows[~kept(rows, self.levels[rows])]
         none = np.zeros(len(rows))
         empty = kept(rows, none)
         low, _ = borders(partial(kept, rows), none, self.levels[rows], _HALVINGS)
