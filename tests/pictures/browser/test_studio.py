@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 import ocptip
 from ocptip.basics.errors import InputError
@@ -25,7 +26,7 @@ from ocptip.pictures.browser.sliders import Actions
 from ocptip.pictures.browser.studio import studio_page
 from ocptip.pictures.browser.view import mover
 
-TASK = EXAMPLES / "tasks/kit_arm.toml"
+TASK, CART = EXAMPLES / "tasks/kit_arm.toml", EXAMPLES / "tasks/ur5_cart.toml"
 
 
 @pytest.fixture(scope="module")
@@ -120,12 +121,23 @@ def test_no_push_in_any_direction_loses_a_contact_below_the_reported_one(studio)
 def test_a_posture_for_the_tcp(studio):
     start = studio.conditions.q
     (place, turn), aside = studio.study.tcp(start), np.array([0.01, 0.0, 0.0])
-    q = studio.study.posture(place + aside, near=start)
+    q, turned = studio.study.posture(place + aside, near=start)
+    assert turned == 0
     assert np.allclose(studio.study.tcp(q)[0], place + aside, atol=1e-4)
     if studio.study.robot.n >= 6:
         assert np.allclose(studio.study.tcp(q)[1], turn, atol=1e-3)
     with pytest.raises(InputError, match="cannot be reached"):
         studio.study.posture(place + 900 * aside, near=start)
+
+
+def test_where_the_orientation_cannot_be_kept_the_tcp_turns():
+    study, start = ocptip.studio(CART).study, ocptip.studio(CART).conditions.q
+    far = np.array([0.8, 0.0, study.tcp(start)[0][2]])
+    q, turned = study.posture(far, near=start)
+    place, rotation = study.tcp(q)
+    assert np.allclose(place, far, atol=1e-4)
+    assert turned == pytest.approx(Rotation.from_matrix(rotation.T @ study.tcp(start)[1]).magnitude())
+    assert turned > 0.1
 
 
 def test_poses_are_kept_and_saved(tmp_path):

@@ -95,6 +95,15 @@ class StudioPage(SliderPage):
     def _controls(self) -> None:
         gui, robot, start = self.server.gui, self.study.robot, self._start
         self.worst, self.robust, self.message = (gui.add_html("") for _ in range(3))
+        position, _ = self.study.tcp(start.q)
+        with gui.add_folder("TCP, orientation kept where possible" if robot.n >= 6 else "TCP"):
+            reach = max(_AROUND, 1.05 * float(robot.arm.reach))
+            middle = robot.arm.mount_position
+            for k, axis in enumerate("xyz"):
+                low, high = middle[k] - reach, middle[k] + reach
+                self.slider(f"tcp_{axis}", f"{axis} [m]", low, high, 1e-3, position[k], aims=True)
+            drag = gui.add_checkbox("drag handle in the picture", initial_value=False)
+            drag.on_update(lambda _: setattr(self._drag, "visible", drag.value))
         with gui.add_folder("Conditions"):
             most = max(_PAYLOAD, 3 * start.payload)
             self.slider("payload", "payload [kg]", 0.0, most, 0.01, start.payload)
@@ -105,20 +114,11 @@ class StudioPage(SliderPage):
             self.slider("towards", "push from x [deg]", -180.0, 180.0, 1.0, 0.0)
             self.slider("ax", "base acceleration x [m/s^2]", -_ACCELERATION, _ACCELERATION, 0.01, 0.0)
             self.slider("ay", "base acceleration y [m/s^2]", -_ACCELERATION, _ACCELERATION, 0.01, 0.0)
-        with gui.add_folder("Joints"):
+        with gui.add_folder("Joints", expand_by_default=False):
             limits = robot.limits
             lower = np.where(np.isfinite(limits.angle_min), limits.angle_min, -np.pi)
             upper = np.where(np.isfinite(limits.angle_max), limits.angle_max, np.pi)
             self.coordinate_sliders(robot.names, lower, upper, start.q)
-        position, _ = self.study.tcp(start.q)
-        with gui.add_folder("TCP, orientation kept" if robot.n >= 6 else "TCP"):
-            reach = max(_AROUND, 1.05 * float(robot.arm.reach))
-            middle = robot.arm.mount_position
-            for k, axis in enumerate("xyz"):
-                low, high = middle[k] - reach, middle[k] + reach
-                self.slider(f"tcp_{axis}", f"{axis} [m]", low, high, 1e-3, position[k], aims=True)
-            drag = gui.add_checkbox("drag handle in the picture", initial_value=False)
-            drag.on_update(lambda _: setattr(self._drag, "visible", drag.value))
         self.pose_buttons()
         gui.add_html(_LEGEND)
 
@@ -152,14 +152,16 @@ class StudioPage(SliderPage):
         self._forces.show(forces, act.seen.tip, k)
 
     def _answer(self) -> None:
-        conditions, message = self.conditions(), ""
+        conditions, message, note = self.conditions(), "", ""
         if self._aimed:
             self._aimed = False
             place = np.array([self.sliders[f"tcp_{axis}"].value for axis in "xyz"])
             try:
-                q = self.study.posture(place, near=conditions.q)
+                q, turned = self.study.posture(place, near=conditions.q)
                 self.set_posture(q)
                 conditions = self.conditions()
+                if turned:
+                    note = f"TCP turned by {np.degrees(turned):.3g} deg, where it cannot keep its orientation"
             except OcptipError as error:
                 message = str(error)
         answer = self.answered = self.study.answer(conditions)
@@ -170,8 +172,8 @@ class StudioPage(SliderPage):
                 self.set(f"tcp_{axis}", value)
             self._drag.position, self._drag.wxyz = tuple(position), bodies.wxyz(turn)
         self.verdict.content = _verdict_html(answer)
-        problems = [*([message] if message else []), *answer.broken]
-        self.tell("; ".join(problems), BAD)
+        problems = [text for text in (message, *answer.broken) if text]
+        self.tell("; ".join(problems) or note, BAD if problems else WARNING)
         for text in (self.worst, self.robust):
             text.content = text.content.replace(FRESH, STALE)  # keeps its place until it is known
 

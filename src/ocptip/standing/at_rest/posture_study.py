@@ -37,6 +37,7 @@ from ocptip.standing.within.posture import loaded_case
 from ocptip.standing.within.tolerable import AT_REST
 
 _REACHED = 1e-4  # m and rad
+_STEP = 0.05  # m, of a TCP that moves
 _FULL = 6  # joints from which on an arm keeps the orientation of its TCP
 _MOST_PUSH = 2.0  # weights of the robot
 _SUPPORTS = 32  # with other frictions, of which tip-over and slip are kept
@@ -262,9 +263,7 @@ class PostureStudy:
         gravity, push = self._acting(conditions)
         wrench = self._wrenches(conditions, gravity, conditions.payload, push)[0]
         support = self._footing(conditions.friction).support
-        if not np.array_equal(gravity, support.gravity):
-            support = support.varied(gravity=gravity)
-        case = loaded_case(self.robot, support, conditions.q, held, wrench, tolerance)
+        case = loaded_case(self.robot, support, gravity, conditions.q, held, wrench, tolerance)
         (GN, tip), (GT, slip) = case.tip(), case.slip()
         reference = self.robot.tip_over.reference_moment
         return WorstPosture(
@@ -300,30 +299,35 @@ class PostureStudy:
             friction=float(margins.GT),
         )
 
-    def posture(
-        self, position: np.ndarray, rotation: np.ndarray | None = None, *, near: np.ndarray
-    ) -> np.ndarray:
-        """The posture (n,) nearest to another with the TCP at a place, m, base axes.
+    def posture(self, position: np.ndarray, *, near: np.ndarray) -> tuple[np.ndarray, float]:
+        """The posture (n,) nearest to another with the TCP at a place, m, base axes, and how far it turned.
 
-        Arms with fewer than six joints reach the position only.
+        The orientation, of arms with six joints and more, is that of the other posture where the arm can keep
+        it; the angle by which it differs, rad, is 0 then.
 
         Args:
             position: (3,), m.
-            rotation: (3, 3), TCP to base axes; None: as it is in the other posture.
             near: (n,) the other posture.
 
         Raises:
             InputError: the search from there ends at no such posture; the message has the nearest miss.
         """
-        arm = self.robot.arm
-        turn = gripper_batch(arm)(near[None])[1][0] if rotation is None else rotation
-        kept: Orientation = "full" if arm.n >= _FULL else "free"
-        q, error = search(arm, near[None], np.reshape(position, (1, 3)), turn[None], kept)
-        if error[0] > _REACHED:
-            raise InputError(
-                f"TCP: cannot be reached from this posture; the nearest one misses by {error[0]:.3g} (m, rad)"
-            )
-        return q[0]
+        arm, (place, rotation) = self.robot.arm, self.tcp(near)
+        # In small steps, so that the posture follows and does not jump to another branch.
+        steps = np.linspace(0.0, 1.0, 1 + int(np.ceil(np.linalg.norm(position - place) / _STEP)))[1:]
+        kept: tuple[Orientation, ...] = ("full", "free") if arm.n >= _FULL else ("free",)
+        error = np.zeros(1)
+        for orientation in kept:
+            q, error = near[None], np.zeros(1)
+            for share in steps:
+                there = place + share * (position - place)
+                q, error = search(arm, q, there[None], rotation[None], orientation)
+            if error[0] <= _REACHED:
+                cosine = (np.sum(rotation * self.tcp(q[0])[1]) - 1) / 2
+                return q[0], 0.0 if orientation == kept[0] else float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        raise InputError(
+            f"TCP: cannot be reached from this posture; the nearest one misses by {1e3 * error[0]:.3g} mm"
+        )
 
     def tcp(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Position (3,), m, and rotation (3, 3) of the TCP in base axes, at q (n,)."""

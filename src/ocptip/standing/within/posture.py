@@ -51,12 +51,13 @@ def posture_case(
         return partial(MovingCase, driving_case_of(robot, counting), q, base_motion)
     still, support = np.zeros((1, robot.n)), robot.support
     wrench = robot.loads(q[None], still, still)[1][0]
-    return partial(loaded_case, robot, support, q, robot.payload, wrench)
+    return partial(loaded_case, robot, support, support.gravity, q, robot.payload, wrench)
 
 
 def loaded_case(
     robot: Robot,
     support: Support,
+    gravity: np.ndarray,
     q: np.ndarray,
     held: Payload | None,
     wrench: np.ndarray,
@@ -66,19 +67,20 @@ def loaded_case(
 
     Args:
         robot: whose arm it is.
-        support: its base, with the gravity that acts.
+        support: its base.
+        gravity: (3,), m/s^2, that acts.
         q: (n,), rad (sliding joints: m).
         held: the payload.
         wrench: (6,), N and N m about the centre of mass of the base.
         tolerance: what is off.
     """
-    gravity = support.gravity
     weights, tool = bodies(robot, q, tolerance, held)
     carried = sum(w.mass * np.concatenate([gravity, np.cross(w.center, gravity)]) for w in weights)
     pushes = [Push("gripper", tolerance.push, tool)] if tolerance.push else []
     weights, pushes = [base_weight(support, tolerance), *weights], [*pushes, *base_pushes(tolerance)]
-    fixed, moment = wrench - support.weight - carried, robot.tip_over.reference_moment
-    return RestCase(support, weights, fixed, tolerance, pushes, moment)
+    own = support.mass * np.concatenate([gravity, np.zeros(3)])
+    moment = robot.tip_over.reference_moment
+    return RestCase(support, weights, wrench - own - carried, tolerance, pushes, moment, gravity=gravity)
 
 
 def bodies(

@@ -185,7 +185,7 @@ def object_within(
         gravity: (3,), m/s^2, in these axes.
         tolerance: each mass and centre is as uncertain as those of a payload, and the friction.
     """
-    support = footing.support.varied(gravity=gravity)
+    support, moment = footing.support, footing.tip_over.reference_moment
 
     def case(some: Uncertainty) -> RestCase:
         half, share = np.asarray(some.payload_center, dtype=float), some.payload_mass
@@ -193,7 +193,7 @@ def object_within(
             Weight(name, mass, center - support.center_of_mass, -share * mass, share * mass, half)
             for name, (mass, center, _) in bodies.items()
         ]
-        return RestCase(support, weights, np.zeros(6), some, (), footing.tip_over.reference_moment)
+        return RestCase(support, weights, np.zeros(6), some, (), moment, gravity=gravity)
 
     return replace(found_within([case], tolerance, OF_OBJECTS), ignored=())
 
@@ -279,6 +279,7 @@ class RestCase:
         pushes: that may be there.
         moment: M0 of GN, N m.
         name: put in front of messages.
+        gravity: (3,), m/s^2, that acts; default: that of the support.
     """
 
     def __init__(
@@ -290,10 +291,12 @@ class RestCase:
         pushes: Sequence[Push] = (),
         moment: float | None = None,
         name: str = "",
+        gravity: np.ndarray | None = None,
     ) -> None:
-        self._tolerance, self._gravity, self._fixed, self._name = tolerance, support.gravity, fixed, name
-        self._size = float(np.linalg.norm(support.gravity))
-        self._down = support.gravity / self._size
+        self._gravity = support.gravity if gravity is None else gravity
+        self._tolerance, self._fixed, self._name = tolerance, fixed, name
+        self._size = float(np.linalg.norm(self._gravity))
+        self._down = self._gravity / self._size
         self._weights, self._pushes = tuple(weights), tuple(pushes)
         columns = ("mass", "less", "more", "center", "half")
         arrays = [np.array([getattr(w, column) for w in weights], dtype=float) for column in columns]
