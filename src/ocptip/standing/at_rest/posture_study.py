@@ -318,7 +318,7 @@ class PostureStudy:
         kept: tuple[Orientation, ...] = ("full", "free") if arm.n >= _FULL else ("free",)
         error = np.zeros(1)
         for orientation in kept:
-            q, error = near[None], np.zeros(1)
+            q = near[None]
             for share in steps:
                 there = place + share * (position - place)
                 q, error = search(arm, q, there[None], rotation[None], orientation)
