@@ -16,6 +16,7 @@ from ocptip.motion.stops.cancels import SafeDecelerations, in_all
 from ocptip.motion.stops.check import Stops
 from ocptip.motion.summary import CheckedMotion, margin_table, proof_lines, rises, robustness_lines
 from ocptip.motion.violations import broken_words
+from ocptip.standing.contact_margins import of_friction
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 from ocptip.trajectories.trajectory import Trajectory
@@ -48,11 +49,10 @@ def notes(checked: MotionCheck) -> list[str]:
                 "the others hold it"
             )
     if contacts.equal_friction and contacts.equal_friction.value >= 1:
-        # The share of a foot with hardly any load is a number without use.
-        share = percent(contacts.equal_friction.value) if contacts.equal_friction.value < 10 else "far more"
         results.append(
-            f"friction used is for the best sharing of the load; equally compliant feet would need {share} "
-            f"of it {contacts.equal_friction}. Declare `stiffness` of the contacts to check their springs"
+            "friction used is for the best sharing of the load; equally compliant feet would need "
+            f"{of_friction(contacts.equal_friction.value)} {contacts.equal_friction}. Declare `stiffness` of "
+            "the contacts to check their springs"
         )
     every = {"the base": contacts, **checked.objects}
     sliding = [name for name, held in every.items() if held.friction and held.friction.value > 1]

@@ -124,12 +124,14 @@ class CheckedMotion:
             kinds = {scenario for stops in self.stops.values() for scenario in SCENARIOS[stops.kinds]}
             others = kinds != {"cancel"}
             sampled = f"CHECKED at samples{' in the nominal model' if self.check.within and others else ''}"
+            slips = any(stops.slips_alike for stops in self.stops.values())
+            but = ", BUT equally compliant feet may slip in stops" * slips
             if self.certificate is None or not self.certificate.cancels:
-                return f"{text}; stops {sampled}"
+                return f"{text}; stops {sampled}{but}"
             base, sampled_too = (" of the base", "objects, ") if self.check.objects else ("", "")
             text += f"; cancels PROVED to lose no contact{base}, their {sampled_too}clearance and torques "
             text += "CHECKED at samples"
-            return f"{text}; other stops {sampled}" if others else text
+            return (f"{text}; other stops {sampled}" if others else text) + but
         if any(stops.unknown for stops in self.stops.values()) and not self.broken:
             return f"NOT KNOWN in stops by brakes (give brake torques); the motion itself is {text}"
         return broken_in_stops(text)

@@ -129,8 +129,7 @@ class ContactMargins:
             does.append(f"{alike.where} lift{'s' * (len(alike.contacts) < 2)}")
         if friction and friction.value >= 1:
             slips = f"{friction.where} slip{'s' * (len(friction.contacts) < 2)}"
-            needed = percent(friction.value) if friction.value < 10 else "far more than all"
-            does.append(f"{slips}, needing {needed} of the friction")
+            does.append(f"{slips}, needing {of_friction(friction.value)}")
         return f"with equally compliant feet {' and '.join(does)}" if does else ""
 
     def later(self, seconds: float) -> ContactMargins:
@@ -170,6 +169,11 @@ class ContactMargins:
             ("the same with equally compliant feet", self.equal_friction, percent),
         )
         return [f"{name} {text(instant.value)} {instant}" for name, instant, text in named if instant]
+
+
+def of_friction(share: float) -> str:
+    """A share in words; that of a foot next to lifting is a number without use."""
+    return f"{percent(share) if share < 10 else 'far more than all'} of the friction"
 
 
 def _least(

@@ -396,10 +396,14 @@ def test_the_headline_keeps_what_is_proved_of_the_motion_beside_its_stops(task):
     assert both.headline == "LIMITS BROKEN"
     unproved = replace(kept, certificate=replace(proof, sampled=("GN_stop", "GT")))
     assert unproved.headline.startswith("CHECKED at samples")
-    stops = SimpleNamespace(verified=True, violations=(), kinds="path")
+    stops = SimpleNamespace(verified=True, violations=(), kinds="path", slips_alike=False)
     whole = SimpleNamespace(whole=proved)
     motion = CheckedMotion(task=task, checked=whole, stops={"": stops})
     assert motion.headline == f"{word}; stops CHECKED at samples"
+    stops.slips_alike = True
+    assert motion.headline.endswith(
+        "; stops CHECKED at samples, BUT equally compliant feet may slip in stops"
+    )
     stops.verified, stops.unknown = False, (checked.worst["GN"],)
     assert motion.headline == (
         f"NOT KNOWN in stops by brakes (give brake torques); the motion itself is {word}"

@@ -24,10 +24,11 @@ from ocptip.motion.stops.broken import (
 from ocptip.motion.violations import broken_words
 from ocptip.numerics.bisection import bisected
 from ocptip.standing.arm import Robot
+from ocptip.standing.contact_margins import of_friction
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import SLIP_WITHIN, WITHIN_OF, Limits
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times
-from ocptip.standing.within.cancelled import worst_of_cancels
+from ocptip.standing.within.cancelled import alike_of_cancels, worst_of_cancels
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -50,6 +51,8 @@ class CancelLevel:
         clearance_m: the smallest distance; None where it is not known.
         stops: in time, in the joint range and in clear space, whatever becomes of contacts and drives.
         broken: limits, that of the contacts first; empty where the stops are safe.
+        friction_if_feet_give_alike: share of the friction that equally compliant feet use, at least (nominal
+            model); None where only the best sharing of the load counts.
     """
 
     share: float
@@ -60,6 +63,7 @@ class CancelLevel:
     clearance_m: float | None
     stops: bool
     broken: tuple[Worst, ...]
+    friction_if_feet_give_alike: float | None = None
 
     @property
     def safe(self) -> bool:
@@ -81,6 +85,8 @@ class SafeDecelerations:
         minimum, maximum: of the safe shares; None where no checked share is safe.
         within: the uncertainty in words; empty: nominal model only.
         instants: number of those at which the motion is cancelled, for each level.
+        alike: share of the friction that equally compliant feet use in cancels at the maximum, at least;
+            None where only the best sharing of the load counts.
     """
 
     robot: Robot
@@ -93,6 +99,12 @@ class SafeDecelerations:
     maximum: float | None
     within: str
     instants: int
+    alike: float | None = None
+
+    @property
+    def slips_alike(self) -> bool:
+        """Whether equally compliant feet slip at the maximum."""
+        return self.alike is not None and self.alike >= 1
 
     @property
     def hardest(self) -> CancelLevel:
@@ -146,6 +158,9 @@ class SafeDecelerations:
             most = self.deceleration(self.maximum) + each
             end = ", harder ones were not tried" if hardest.safe else ""
             kept = f"safe at {safe} of {of}, at {greatest:g} % {most}{end}"
+            if self.alike is not None:
+                but = ", BUT" if self.slips_alike else "; there"
+                kept += f"{but} equally compliant feet use {of_friction(self.alike)}"
         gentlest = self.levels[-1]
         if self.minimum is not None:  # why no gentler one is safe
             gentlest = next((level for level in self.levels if level.share < self.minimum), hardest)
@@ -191,6 +206,7 @@ class SafeDecelerations:
             "minimum_safe_share": self.minimum,
             "maximum_safe_share": self.maximum,
             "maximum_safe_deceleration": greatest,
+            **({} if self.alike is None else {"friction_if_feet_give_alike": self.alike}),
             "levels": rows,
             "within": self.within or None,
             "instants": self.instants,
@@ -267,6 +283,12 @@ def safe_decelerations(
             maximum = bisected(safe, shares[above], maximum, maximum, near)[1]
         if below < len(shares):
             minimum = bisected(safe, shares[below], minimum, minimum, near)[1]
+    alike = None
+    if maximum is not None:
+        scaled = replace(cancel, decelerations=tuple(maximum * a for a in cancel.decelerations))
+        cases = worst_case_of(robot, limits.tolerance)
+        if worst := alike_of_cancels(cases, motion, scaled, cancel_times(motion)):
+            alike = max(worst.value, level(maximum).friction_if_feet_give_alike or 0.0)
     return SafeDecelerations(
         robot=robot,
         full=cancel.decelerations,
@@ -278,6 +300,7 @@ def safe_decelerations(
         maximum=maximum,
         within=limits.tolerance.title if limits.tolerance.given else "",
         instants=len(cancel_times(motion)),
+        alike=alike,
     )
 
 
@@ -322,6 +345,7 @@ def _levels(
             clearance_m=float(stops.clearance) if np.isfinite(stops.clearance) else None,
             stops=not way,
             broken=(*broken, *way),
+            friction_if_feet_give_alike=None if np.isnan(stops.alike) else stops.alike,
         )
 
     return level

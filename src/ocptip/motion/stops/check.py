@@ -20,11 +20,12 @@ from ocptip.motion.cycles.task import Task
 from ocptip.motion.stops.broken import CLOSE
 from ocptip.motion.stops.cancels import SafeDecelerations, safe_decelerations
 from ocptip.motion.stops.rules import BRAKES, HOLDING, SCENARIOS, Kinds, StopRules, kinds_of
-from ocptip.motion.stops.tables import BrakeTable, CancelTable, JointTable, PathTable
+from ocptip.motion.stops.tables import ALIKE, BrakeTable, CancelTable, JointTable, PathTable
 from ocptip.motion.task import MotionTask
 from ocptip.motion.violations import stated, statement
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import Robot
+from ocptip.standing.contact_margins import of_friction
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
@@ -67,6 +68,12 @@ class Stops:
     assumed: tuple[str, ...]
     decelerations: SafeDecelerations | None = None
     unknown: tuple[Worst, ...] = ()
+
+    @property
+    def slips_alike(self) -> bool:
+        """Whether equally compliant feet slip in a stop of the base, also within the uncertainty."""
+        worst = (max(_alike(one), default=0.0) for one in self.worst.values())
+        return max(worst, default=0.0) >= 1 or bool(self.decelerations and self.decelerations.slips_alike)
 
     @property
     def summary(self) -> list[str]:
@@ -234,6 +241,11 @@ def _by_segment(task: Task, key: str, result: Mapping[str, Stops | SafeDecelerat
     return {key: rows if task.is_cycle else result[""].to_dict()}
 
 
+def _alike(worst: Mapping[str, Any]) -> list[float]:
+    """Shares of the friction that equally compliant feet use, nominal and within the uncertainty."""
+    return [worst[name] for name in (ALIKE, f"{ALIKE}_within") if name in worst]
+
+
 def _contact_text(worst: Mapping[str, Any], name: str = "the base") -> str:
     """The worst of the contacts, in N m and per cent; beyond 1, indices measure no margin.
 
@@ -251,6 +263,8 @@ def _contact_text(worst: Mapping[str, Any], name: str = "the base") -> str:
         if (within := worst.get("GT_within")) is not None:
             used += f" (worst case {f'{name} slips' if within >= 1 else f'<= {percent(within)}'})"
         texts.append(f"{name} slips" if GT >= 1 else used)
+    if alike := _alike(worst):
+        texts.append(f"equally compliant feet use {of_friction(max(alike))}")
     if objects := worst.get("objects"):
         critical = max(objects, key=lambda one: max(objects[one].get("GN", 0.0), objects[one].get("GT", 0.0)))
         texts.append(f"of objects {critical} is critical: {_contact_text(objects[critical], critical)}")

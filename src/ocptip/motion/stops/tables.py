@@ -23,6 +23,7 @@ from ocptip.motion.violations import statement
 from ocptip.numerics.bisection import borders
 from ocptip.reserves.tipping import moment_at
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.alike_friction import AlikeFriction
 from ocptip.standing.footing import Footing
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import WITHIN_OF, Limits
@@ -32,11 +33,12 @@ from ocptip.standing.stops.along_path import Path, PathStops, StopPoints
 from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, stops_of_motion
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times, cancelled_motion
 from ocptip.standing.stops.joint_stops import JointStops
-from ocptip.standing.within.cancelled import worst_of_cancels
+from ocptip.standing.within.cancelled import alike_of_cancels, worst_of_cancels
 from ocptip.standing.within.in_motion import WorstInstant
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import Trajectory
 
+ALIKE = "friction_if_feet_give_alike"
 SPACING = 4e-3  # s, between places of the path
 _HALVINGS = 16
 
@@ -71,6 +73,11 @@ class StoppedPath:
         how = motion.states(self.places), limits.torque_ratio, self._stops.time, acting
         self._paths = [Path.of(robot, *how, interface) for interface in range(len(robot.interfaces))]
         self._c, self._d = self._paths[0].bounds.lines
+
+    @property
+    def alike(self) -> list[float]:
+        """Share of the friction that equally compliant feet of each interface use in stops, at least."""
+        return [AlikeFriction(path.footing).most(StopPoints.of(path).wrenches) for path in self._paths]
 
     def begun(self, place: float, speed: float) -> float:
         """When a stop from the planned speed began that passes a place with this share of it, s."""
@@ -185,19 +192,19 @@ class PathTable:
     ) -> None:
         path = StoppedPath(robot, motion, limits)
         safe = path.safe_speeds()
-        self._checked, self._interfaces = checked, robot.interfaces
+        self._checked, self._interfaces, self._alike = checked, robot.interfaces, path.alike
         self.curve = np.array([path.places, safe])
         self.speeds = np.interp(times, path.places, safe)
         self.durations = np.array([path.stop(t).times[-1] for t in times])
 
     def worst(self) -> dict[str, Any]:
         """Worst values of the check, and when the stop passes there."""
-        base, *objects = map(self._worst_of, self._interfaces)
+        base, *objects = map(self._worst_of, self._interfaces, self._alike)
         table = {"longest_stop_s": float(np.max(self.durations)), **base}
         return table | of_objects(self._interfaces, objects)
 
-    def _worst_of(self, footing: Footing) -> dict[str, Any]:
-        table: dict[str, Any] = {}
+    def _worst_of(self, footing: Footing, alike: float) -> dict[str, Any]:
+        table: dict[str, Any] = _if_alike(alike)
         for name in ("GN", "GT"):
             if worst := self._checked.worst.get(footing.result(f"{name}_stop")):
                 table[name] = worst.value
@@ -210,6 +217,11 @@ class PathTable:
     def violations(self) -> list[Worst]:
         """None: the check says so."""
         return []
+
+
+def _if_alike(share: float) -> dict[str, Any]:
+    """The entry on equally compliant feet; none where only the best sharing of the load counts."""
+    return {} if np.isnan(share) else {ALIKE: share}
 
 
 def of_objects(interfaces: Sequence[Footing], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
@@ -302,6 +314,7 @@ class JointTable(ABC):
             "tipping_margin_Nm": moment_at(greatest, footing.tip_over.reference_moment),
             "begun_s": float(times[i]),
             "after_s": float(stops.after[i]),
+            **_if_alike(stops.alike),
         }, i
 
     def _more(self, i: int) -> dict[str, Any]:
@@ -385,7 +398,7 @@ class CancelTable(JointTable):
         results = [cancelled_motion(robot, motion, cancel, interface) for interface in every]
         checks = [CancelCheck(robot, cancel, interface=interface) for interface in every]
         super().__init__(robot, motion, limits, cancel, results, checks, times)
-        self._cancel, self._within = cancel, dict[str, WorstInstant]()
+        self._cancel, self._within, self._alike = cancel, dict[str, WorstInstant](), dict[str, float]()
         self.durations = self.durations + cancel.reaction
         for interface, footing in enumerate(robot.interfaces if limits.tolerance.given else ()):
             cases = worst_case_of(robot, limits.tolerance, interface)
@@ -393,6 +406,8 @@ class CancelTable(JointTable):
             for name, instant in zip(WITHIN_OF, worst, strict=True):
                 if instant is not None:
                     self._within[footing.result(name)] = instant
+            if alike := alike_of_cancels(cases, motion, cancel, cancel_times(motion)):
+                self._alike[footing.name] = alike.value
 
     @property
     def _in_check(self) -> bool:
@@ -407,6 +422,8 @@ class CancelTable(JointTable):
                 if name == "GN":
                     reference = footing.tip_over.reference_moment
                     worst["tipping_margin_within_Nm"] = moment_at(when.most, reference)
+        if (alike := self._alike.get(footing.name)) is not None:
+            worst[f"{ALIKE}_within"] = alike
         return worst, i
 
     def _more(self, i: int) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from ocptip.reserves.equal_compliance import (
 from ocptip.standing.footing import Footing
 
 _FIRST = 20  # wrenches that are solved before the others
+_CHUNK = 10_000  # wrenches multiplied with functions at once
 _NEIGHBOURS = 32  # wrenches that share a box
 
 
@@ -35,13 +36,30 @@ class AlikeFriction:
             normal_map = equal.elastic.normal_map
             self.slides = slides_beyond(support, normal_map, fine=True)
             enough = slides_beyond(support, normal_map, ENOUGH, fine=True)
-            self._doubtful = np.vstack([enough, -normal_map])
+            self._lifts, self._doubtful = -normal_map, np.vstack([enough, -normal_map])
 
     @classmethod
     def if_held(cls, footing: Footing, nominal: np.ndarray) -> AlikeFriction | None:
         """The friction, if it holds nominal wrenches (N, 6); else a headline says that it does not."""
         alike = cls(footing)
         return alike if alike.slips(nominal) is None else None
+
+    def most(self, wrenches: np.ndarray) -> float:
+        """The largest share of the friction that such feet use under some of wrenches (N, 6), infinite where
+        they lose the base; NaN: see `slides`.
+
+        The wrenches are those farthest beyond the functions, and those under which most of a foot lifts.
+        """
+        if self.slides is None:
+            return np.nan
+        parts = np.array_split(wrenches, 1 + len(wrenches) // _CHUNK)
+        rows = [
+            np.argsort(-np.concatenate([np.max(part @ functions.T, axis=1) for part in parts]))[:_FIRST]
+            for functions in (self.slides, self._lifts)
+        ]
+        equal = equal_sharing(self._footing.contact_states(wrenches[np.unique(rows)]))
+        assert equal is not None  # else there are no functions
+        return float(np.max(np.nan_to_num(equal.GT, nan=np.inf)))
 
     def slips(self, wrenches: np.ndarray) -> int | None:
         """Row of one of the wrenches (N, 6) under which such feet slip or lose the base; None: under none."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.alike_friction import AlikeFriction
 from ocptip.trajectories.trajectory import Trajectory
 
 POSTURES = 300  # checked for collisions, at most
@@ -39,6 +40,8 @@ class JointStops:
         nearest: (N,), number of the pair in `Collisions.labels` that this distance is between.
         nearest_after: (N,), s, since the stop began: when that is.
         postures: number of postures of all stops.
+        alike: share of the friction that equally compliant feet use in some stop, at least; NaN: see
+            `AlikeFriction.slides`.
     """
 
     GN: np.ndarray
@@ -54,6 +57,7 @@ class JointStops:
     nearest: np.ndarray
     nearest_after: np.ndarray
     postures: int
+    alike: float
 
     @property
     def clearance(self) -> float:
@@ -69,8 +73,8 @@ class JointStops:
     def joined(self, other: JointStops) -> JointStops:
         """Both."""
         pairs = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _BY_STOP}
-        outside = max(self.outside, other.outside)
-        return JointStops(**pairs, outside=outside, postures=self.postures + other.postures)
+        outside, alike = max(self.outside, other.outside), float(np.fmax(self.alike, other.alike))
+        return JointStops(**pairs, outside=outside, postures=self.postures + other.postures, alike=alike)
 
     def some(self, rows: np.ndarray) -> JointStops:
         """Those of some rows; angles are of all."""
@@ -97,7 +101,7 @@ class StopCheck:
     def __init__(self, robot: Robot, GN: float, GT: float, exact: bool = True, interface: int = 0) -> None:
         self._robot, self._GN, self._GT, self._exact = robot, GN, GT, exact
         self._interface, self._footing = interface, robot.interfaces[interface]
-        self._map = TipMap(self._footing.tip_over)
+        self._map, self._alike = TipMap(self._footing.tip_over), AlikeFriction(self._footing)
         half_spaces = self._footing.slip.half_spaces(GT)
         self._kept_inside = None if half_spaces is None else half_spaces.T.copy()
 
@@ -150,6 +154,7 @@ class StopCheck:
             outside=(float(over[joint]), joint),
             **self._nearest(q, stop, when, count),
             postures=len(q),
+            alike=self._alike.most(wrenches.reshape(-1, 6)),
         )
 
     def _nearest(

@@ -12,8 +12,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from ocptip.reserves.equal_compliance import equally_compliant
+from ocptip.standing.contact_margins import Margin
 from ocptip.standing.stops.by_cancel import NEAR, Cancel, meanwhile
 from ocptip.standing.stops.joint_stops import SLOW
+from ocptip.standing.within.alike import friction_if_alike
 from ocptip.standing.within.in_motion import EXACT, WorstInstant, worst_slip_of, worst_tip_of
 from ocptip.standing.within.late_joints import DelayedStates, Events
 from ocptip.standing.within.worst_case import WorstCase
@@ -44,6 +47,17 @@ def worst_of_cancels(
     else:
         yield None
     yield worst_slip_of(cases, _states(cases, motion, cancel, times, every[-1:]))
+
+
+def alike_of_cancels(
+    cases: WorstCase, motion: Trajectory, cancel: Cancel, times: np.ndarray
+) -> Margin | None:
+    """Share of the friction that equally compliant feet use in these stops, at least; None where only the
+    best sharing of the load counts.
+    """
+    if equally_compliant(cases.footing.support) is None:
+        return None
+    return friction_if_alike(cases, _states(cases, motion, cancel, times, (cases.axes,)))
 
 
 def _states(
