@@ -12,13 +12,14 @@ import pytest
 from matplotlib.colors import to_hex
 from PIL import Image
 
+from ocptip.basics.write import write_files
 from ocptip.motion.files.output import sample_motion
 from ocptip.motion.margins import FRICTION, TIPPING, motion_margins
 from ocptip.motion.summary import TITLES, at_text
 from ocptip.pictures import plan as motion_plots
 from ocptip.pictures import plan_curves, style
 from ocptip.pictures.frame import new_figure
-from ocptip.pictures.plan import draw_plan, plan_figures
+from ocptip.pictures.plan import plan_figures, plan_pngs
 from ocptip.pictures.plan_curves import PlanCurves
 from ocptip.pictures.sketch import SKETCH, view_of
 from ocptip.published.tasks import experiment_task
@@ -333,7 +334,8 @@ def test_many_joints_without_limits_can_be_drawn(monkeypatch):
 def test_files_are_pictures_and_complete(tmp_path, monkeypatch, free):
     plan, samples, _ = free
     monkeypatch.setattr(motion_plots, "FIGURES", {n: motion_plots.FIGURES[n] for n in ("ground", "drives")})
-    paths = draw_plan(tmp_path / "out", plan, samples)
+    files = plan_pngs(plan, samples)
+    paths = write_files(tmp_path / "out", files)
     assert [path.name for path in paths] == ["ground.png", "drives.png"]
     for path in paths:
         with Image.open(path) as image:
@@ -349,7 +351,7 @@ def test_files_are_pictures_and_complete(tmp_path, monkeypatch, free):
     with monkeypatch.context() as patch:
         patch.setattr(os, "replace", full_disk)
         with pytest.raises(OSError, match="No space") as caught:
-            draw_plan(tmp_path / "out", plan, samples)
+            write_files(tmp_path / "out", files)
     assert caught.value.filename == str(paths[0])
     assert paths[0].read_bytes() == before
     assert len(list((tmp_path / "out").iterdir())) == 2

@@ -97,6 +97,7 @@ def plan(
     largest_uncertainty: bool = False,
     method: Method | None = None,
     seconds: float | None = None,
+    figures: bool = False,
     progress: Progress | None = None,
     stage: Callable[[str], None] | None = None,
 ) -> Plan:
@@ -131,6 +132,7 @@ def plan(
         seconds: of wall time for search and checks. The search takes most of it; the best verified motion
             until then is the plan. Checks and proofs that are not complete at the end are left out, see
             `left_out`.
+        figures: also draw the figures of `save`, while other processes check and prove.
         progress: called as progress(done, steps, minimum cost of a verified plan so far or None).
         stage: called with what is done after the search.
 
@@ -190,7 +192,8 @@ def plan(
         smooth = along_path and (method == "smooth" or (method is None and budget.given))
         if planned.interrupted and pool is not executor:
             pool = None  # its processes may be busy with what the interrupt left
-        known |= {"jobs": jobs, "executor": pool, "sensitivities": sensitivities, "stage": stage}
+        known |= {"jobs": jobs, "executor": pool, "figures": figures, "stage": stage}
+        known["sensitivities"] = sensitivities
         result = Plan.of(planned, **known, budget=budget, smooth=smooth)
         if along_path or not any(one.task.limits.stoppable for one in task.segments):
             return result

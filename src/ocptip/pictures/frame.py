@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.basics.write import MARK, atomic_file, write_bytes
+from ocptip.basics.write import MARK, atomic_file, write_files
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -111,12 +111,12 @@ def save_figures(
     Raises:
         OSError: a file or the directory cannot be written; names it.
     """
-    directory = Path(directory)
-    directory.mkdir(exist_ok=True)
-    paths = [directory / f"{name}.png" for name in figures]
-    for path, draw in zip(paths, figures.values(), strict=True):
-        write_bytes(path, png(draw(), dpi))
-    return paths
+    return write_files(Path(directory), png_files(figures, dpi))
+
+
+def png_files(figures: Mapping[str, Callable[[], Figure]], dpi: int = DPI) -> dict[str, bytes]:
+    """Contents of PNG files by their names; arguments are those of `save_figures`."""
+    return {f"{name}.png": png(draw(), dpi) for name, draw in figures.items()}
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str], dpi: int) -> Path:

@@ -6,10 +6,8 @@ Joints and contacts are numbered from 1; each has the same colour in all figures
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +17,7 @@ from ocptip.motion.margins import MotionMargin
 from ocptip.motion.summary import TITLES, at_text
 from ocptip.pictures import style
 from ocptip.pictures.elastic import feet_figure, gears_figure
-from ocptip.pictures.frame import hull, new_figure, place_panels, save_figures
+from ocptip.pictures.frame import hull, new_figure, place_panels, png_files
 from ocptip.pictures.plan_curves import PlanCurves, draw_clearance
 from ocptip.pictures.sketch import draw_postures
 from ocptip.pictures.style import Quantity
@@ -39,23 +37,14 @@ _MARKS = {"-nominal": "ring: worst instant, nominal", "-worst-instant": "diamond
 _EVENTS = "faint vertical lines: switching times of joints"
 
 
-def draw_plan(
-    directory: str | os.PathLike[str], plan: Any, samples: MotionSamples | None = None
-) -> list[Path]:
-    """Draw all figures of a plan into a directory as PNG; files of the same name are replaced.
+def plan_pngs(plan: Any, samples: MotionSamples | None = None) -> dict[str, bytes]:
+    """Contents of PNG files with all figures of a plan, the three overviews first.
 
     Args:
-        directory: made if it does not exist; the one above it must.
         plan: a `MotionPlan`, or any object with its attributes.
         samples: of its motion, from :func:`ocptip.motion.files.output.sample_motion`; computed if None.
-
-    Returns:
-        The paths, the three overviews first.
-
-    Raises:
-        OSError: a file or the directory cannot be written; names it.
     """
-    return save_figures(directory, _figures(plan, samples))
+    return png_files(_figures(plan, samples))
 
 
 def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict[str, Figure]:
@@ -64,7 +53,7 @@ def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict
 
 
 def ground_figure(plan: Any, samples: MotionSamples | None = None) -> Figure:
-    """A Matplotlib figure of the contacts over time; arguments are those of `draw_plan`."""
+    """A Matplotlib figure of the contacts over time; arguments are those of `plan_pngs`."""
     return _ground(PlanCurves.of(plan, samples))
 
 

@@ -174,6 +174,21 @@ def test_stages_after_the_search_are_shown(planner):
     assert shown[3:] == ["proving what is run ..."]
 
 
+def test_figures_that_are_drawn_while_others_check_show_the_whole_result(planner, monkeypatch, tmp_path):
+    monkeypatch.setattr(motion_plots, "FIGURES", {"drives": motion_plots.FIGURES["drives"]})
+    Plan.of(planner.result).save(tmp_path / "after")
+    monkeypatch.setattr(
+        "ocptip.api.results.plan.calls_begun", lambda *_: nullcontext(lambda *call: partial(*call))
+    )
+    shown = []
+    plan = Plan.of(stand_in_plan(), figures=True, stage=shown.append)
+    assert shown[-3:] == ["proving what is run ...", "drawing figures ...", shown[-1]]
+    assert [one.quantity for one in plan.robustness] == [one.quantity for one in robustness_of_c()]
+    plan.save(tmp_path / "meanwhile")
+    names = [tmp_path / when / "drives.png" for when in ("after", "meanwhile")]
+    assert names[0].read_bytes() == names[1].read_bytes() == plan.pngs["drives.png"]
+
+
 def test_without_time_checks_are_left_out_and_named(planner):
     plan = Plan.of(stand_in_plan("C"), budget=TimeBudget(0.0), time_scale=[0.99])
     points = "check of the points in trajectory.json"

@@ -21,7 +21,7 @@ from ocptip.api.methods import (
     proved_runs,
 )
 from ocptip.basics.outputs import remove_figures
-from ocptip.basics.write import plain
+from ocptip.basics.write import plain, write_files
 from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
 from ocptip.motion.files.execution import Execution
@@ -49,11 +49,13 @@ from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import robustness
 from ocptip.numerics.time_limit import TimeBudget
 from ocptip.numerics.workers import calls_begun
-from ocptip.pictures.plan import draw_plan
+from ocptip.pictures.frame import new_figure
+from ocptip.pictures.plan import plan_pngs
 from ocptip.pictures.plan_curves import seen_plan
 from ocptip.pictures.stops import draw_stops
 from ocptip.standing.at_rest.sensitivity import Reserves, Sensitivity, motion_sensitivities
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.samples import MotionSamples
 from ocptip.standing.within.in_motion import worst_contacts
 from ocptip.standing.within.worst_case import WorstCase
 from ocptip.trajectories.trajectory import Trajectory
@@ -73,6 +75,7 @@ class Plan(CheckedMotion):
         price: what stops cost, plain data; empty: they cost nothing, or were not asked for.
         cancels: safe decelerations of a cancelled controller, by the name of the segment; empty: `stops` has
             them, or the robot is no arm.
+        pngs: contents of the figures of `save` that were drawn meanwhile, by the names of the files.
     """
 
     command: ClassVar[str] = "plan"
@@ -81,6 +84,7 @@ class Plan(CheckedMotion):
     time_scale: tuple[tuple[float, CycleCheck], ...] = ()
     price: Mapping[str, Any] = field(default_factory=dict)
     cancels: Mapping[str, SafeDecelerations] = field(default_factory=dict)
+    pngs: Mapping[str, bytes] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -97,6 +101,7 @@ class Plan(CheckedMotion):
         smooth: bool = False,
         jobs: int | None = 1,
         executor: Executor | None = None,
+        figures: bool = False,
     ) -> Plan:
         """Run, prove and check what was planned; arguments are those of :func:`plan`.
 
@@ -106,11 +111,13 @@ class Plan(CheckedMotion):
 
         Args:
             smooth: smooth the path of a plan along one, and take the better of both motions.
+            figures: as of :func:`plan`; needs more than one job, and no limit of time.
         """
         say, budget = stage or silent, budget or TimeBudget(None)
         known = {"controller": controller, "rate": rate, "rise_time": rise_time, "budget": budget}
         how = {"time_scale": time_scale, "sensitivities": sensitivities, "say": say, "budget": budget}
         with calls_begun(executor, 1 if budget.given else jobs, len(planned.parts) + 1) as begin:
+            alone = begin is partial  # nothing runs beside this: what is begun is done when it is asked for
             waiting = [] if smooth else _proofs_begun(planned, begin)
             say("checking what is run ...")
             run = partial(executed, **known, begin=begin)
@@ -123,8 +130,17 @@ class Plan(CheckedMotion):
 
                 executions = proved_runs(planned, executions, budget)
                 planned, executions = better_smoothed(planned, executions, smoothed, budget)
-            result = cls._checked(planned, executions, begin, **how)
-            say("proving what is run ...")  # last, for a proof may take all the time that is left
+
+            def checks(
+                planned: MotionPlan, executions: list[Execution]
+            ) -> tuple[Plan, Callable[[Plan], Plan]]:
+                result, completed = cls._checked(planned, executions, begin, **how)
+                return (completed(result), lambda plan: plan) if alone else (result, completed)
+
+            result, completed = checks(planned, executions)
+            if figures and not alone:
+                new_figure(1.0, 1.0)  # loads Matplotlib while other processes prove
+            say("proving what is run ...")  # alone last, for a proof may take all the time that is left
             proofs = [
                 budget.within(wait, part, share=1 / (len(waiting) - k))
                 for k, (wait, part) in enumerate(zip(waiting, planned.parts, strict=False))
@@ -132,9 +148,9 @@ class Plan(CheckedMotion):
             pairs = list(zip(proofs, planned.parts, strict=False))
             if any(one.energy != other.energy for one, other in pairs):  # proofs asked for another motion
                 before, renewed = len(budget.left_out), planned.with_parts(proofs)
-                again = cls._checked(renewed, run(renewed), begin, **how)
+                again = checks(renewed, run(renewed))
                 if len(budget.left_out) == before:
-                    planned, result = renewed, again
+                    planned, (result, completed) = renewed, again
                 else:  # no time was left to check that motion
                     proofs = planned.parts
                     del budget.left_out[before:]
@@ -147,12 +163,14 @@ class Plan(CheckedMotion):
             planned = planned.with_parts(proofs or planned.parts)
             executions = proved_runs(planned, proved, budget)
             if any(one.slower != other.slower for one, other in zip(executions, proved, strict=True)):
-                result = cls._checked(planned, executions, begin, **how)
-        checked = cycle_check(planned.finished, result.motion, [one.check for one in executions])
-        left_out = tuple(budget.left_out)
-        return replace(
-            result, planned=planned, executions=tuple(executions), checked=checked, left_out=left_out
-        )
+                result, completed = checks(planned, executions)
+            checked = cycle_check(planned.finished, result.motion, [one.check for one in executions])
+            result = replace(result, planned=planned, executions=tuple(executions), checked=checked)
+            if figures and not alone:
+                say("drawing figures ...")
+                draw = partial(result._drawn, task_samples(result.task, result.motion))
+                result = replace(result, pngs=budget.within(draw, {}))
+            return replace(completed(result), left_out=tuple(budget.left_out))
 
     @classmethod
     def _checked(
@@ -165,8 +183,8 @@ class Plan(CheckedMotion):
         sensitivities: bool,
         say: Callable[[str], None],
         budget: TimeBudget,
-    ) -> Plan:
-        """All about a plan but proofs of what is run; `begin` as of `calls_begun`."""
+    ) -> tuple[Plan, Callable[[Plan], Plan]]:
+        """The check of what is run, and what adds the rest except proofs; `begin` as of `calls_begun`."""
         task, motion = planned.finished, run_by(planned, executions)
         safe_cancels, robust = begin(cancels_by_segment, task, motion), begin(robustness, task, motion)
         checked = with_rises(task, motion, cycle_check(task, motion, [run.check for run in executions]))
@@ -175,35 +193,28 @@ class Plan(CheckedMotion):
             for run, segment_check in zip(executions, checked.segments, strict=True)
         ]
         say("checking stops and cancels ...")
-        stops, cancels = dict[str, Stops](), dict[str, SafeDecelerations]()
+        stops = dict[str, Stops]()
         if any(segment.task.limits.stoppable for segment in task.segments):
             stops = budget.within(partial(stops_by_segment, task, motion, checked), stops, STOPS)
-        say("finding which deviations lose no contact ...")
-        robust = budget.within(robust, (), "robustness")
-        scaled = budget.within(
-            lambda: tuple((f, check_cycle(task, planned.motion.time_scaled(f))) for f in time_scale),
-            (),
-            "time scales" * bool(time_scale),
-        )
-        if STOPS not in budget.left_out and not any(
-            segment_check.decelerations for segment_check in stops.values()
-        ):
-            cancels = budget.within(safe_cancels, cancels, "safe decelerations of cancels")
-        changes: tuple[Sensitivity, ...] = ()
-        if sensitivities:
-            compute = partial(sensitivities_of, task.segments[0].task, motion.segments[0])
-            changes = budget.within(compute, changes, "sensitivities")
-        return cls(
-            planned,
-            tuple(executions),
-            scaled,
-            cancels=cancels,
-            task=planned.task,
-            checked=checked,
-            robustness=robust,
-            stops=stops,
-            sensitivities=changes,
-        )
+
+        def completed(plan: Plan) -> Plan:
+            say("finding which deviations lose no contact ...")
+            known: dict[str, Any] = {"robustness": budget.within(robust, (), "robustness")}
+            known["time_scale"] = budget.within(
+                lambda: tuple((f, check_cycle(task, planned.motion.time_scaled(f))) for f in time_scale),
+                (),
+                "time scales" * bool(time_scale),
+            )
+            if STOPS not in budget.left_out and not any(
+                segment_check.decelerations for segment_check in stops.values()
+            ):
+                known["cancels"] = budget.within(safe_cancels, {}, "safe decelerations of cancels")
+            if sensitivities:
+                compute = partial(sensitivities_of, task.segments[0].task, motion.segments[0])
+                known["sensitivities"] = budget.within(compute, (), "sensitivities")
+            return replace(plan, **known)
+
+        return cls(planned, tuple(executions), task=planned.task, checked=checked, stops=stops), completed
 
     @property
     def motion(self) -> Trajectory:
@@ -292,9 +303,13 @@ class Plan(CheckedMotion):
         remove_figures(folder, self.command)
         if not figures:
             return
-        yield from draw_plan(folder, seen_plan(self.task, motion, self.checked), samples_joined(samples))
+        yield from write_files(folder, self.pngs or self._drawn(samples))
         for stops in () if self.task.is_cycle else self.stops.values():
             yield from draw_stops(folder, stops)
+
+    def _drawn(self, samples: Sequence[MotionSamples]) -> dict[str, bytes]:
+        """Contents of all figures except those of stops, from samples of the motion by segment."""
+        return plan_pngs(seen_plan(self.task, self.motion, self.checked), samples_joined(samples))
 
 
 def sensitivities_of(task: MotionTask, motion: Trajectory) -> tuple[Sensitivity, ...]:

@@ -79,6 +79,7 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
                 stops=options.stop_safe,
                 largest_uncertainty=options.largest_tolerance,
                 executor=executor,
+                figures=not options.no_figures,
                 progress=progress,
                 stage=progress.stage,
             )
