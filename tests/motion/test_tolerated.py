@@ -1,6 +1,7 @@
 """What a motion tolerates: figures of the source, statics by hand, and the exact check on either side."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -234,6 +235,29 @@ def test_stiffness_of_feet_in_words():
     )
 
 
+@pytest.mark.parametrize(
+    ("segments", "value", "between", "short"),
+    [
+        ([(3e5, None), (2e4, None)], 3e5, None, "foot stiffness from 3e5 N/m"),
+        ([(np.inf, (1.5e4, 1.8e6)), (1.4e6, None)], np.inf, (1.4e6, 1.8e6), "1.4e6 N/m to 1.8e6 N/m only"),
+        ([(1.4e6, None), (np.inf, (1.5e4, 1.8e6))], np.inf, (1.4e6, 1.8e6), "1.4e6 N/m to 1.8e6 N/m only"),
+        ([(2e6, None), (np.inf, (1.5e4, 1.8e6))], np.inf, None, "no foot stiffness is enough"),
+        ([(np.inf, None), (1.4e6, None)], np.inf, None, "no foot stiffness is enough"),
+        ([(np.inf, (1e5, 9e5)), (np.inf, (2e5, 3e6))], np.inf, (2e5, 9e5), "2e5 N/m to 9e5 N/m only"),
+    ],
+)
+def test_stiffness_of_feet_of_a_cycle_holds_in_every_segment(monkeypatch, segments, value, between, short):
+    """A segment that needs soft feet and one that needs stiff ones: what both stand on."""
+    results = iter([(Tolerated("foot_stiffness", v, "N/m", False, 0.5, "lifts", b),) for v, b in segments])
+    monkeypatch.setattr("ocptip.motion.tolerated.tolerated", lambda *_: next(results))
+    task = experiment_task("A", "effective")
+    part = SimpleNamespace(task=task, name="carry")
+    motion = SimpleNamespace(segments=[None, None], begins=[0.0, 1.5])
+    [both] = robustness(SimpleNamespace(segments=[part, part]), motion)
+    assert (both.value, both.between) == (value, between)
+    assert both.short.endswith(short)
+
+
 @pytest.mark.slow
 def test_a_motion_that_needs_next_to_no_friction_says_so():
     """No time and no way of losing a contact, which nothing loses."""
@@ -268,8 +292,8 @@ def test_the_short_lines_say_what_they_leave_out_and_where_the_search_ends():
     ]
     text = " ".join(" ".join(robustness_lines(rows)).split())
     assert text == (
-        "Robust to (one at a time): tilt 3.84 deg | any friction feet of 2.3e5 N/m and stiffer "
-        "until a contact is lost; not included: clearance, joint limits, torques"
+        "Robust to (one at a time): tilt 3.84 deg | any friction foot stiffness from 2.3e5 N/m "
+        "until a contact is lost; foot stiffness: on equal feet of it none lifts; not included: clearance, joint limits, torques"
     )
     held = Tolerated("extra_mass", 2.02, "kg", False, 0.1, "tips", drives=5.5)
     text = " ".join(" ".join(robustness_lines([*rows, held])).split())
@@ -278,7 +302,7 @@ def test_the_short_lines_say_what_they_leave_out_and_where_the_search_ends():
     assert f"{held}" == "2.02 kg more at the TCP (tips, 0.100 s); the drives move 5.5 kg more"
     capped = robustness_lines([*rows, Tolerated("delay", 100.0, "ms", True, np.nan, "")])
     assert "delay >= 100 ms" in capped[1]
-    assert capped[-2].endswith("until a contact is lost; >= : not searched further;")
+    assert capped[-3].endswith("until a contact is lost; >= : not searched further;")
     assert max(map(len, capped)) <= 80
     lost = robustness_lines([dataclasses.replace(rows[0], value=0.0, how="tips about contacts 1 and 4 " * 3)])
     assert lost[0].startswith("Robust to nothing: ")

@@ -275,6 +275,8 @@ def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
     capped = [one for one in tolerated if one.at_most and one.quantity not in ("friction", "foot_stiffness")]
     slips = ", or equally compliant feet slip" if any(SLIPS_ALIKE in one.how for one in tolerated) else ""
     lines.append(f"until a contact is lost{slips}{'; >= : not searched further' if capped else ''};")
+    if any(one.quantity == "foot_stiffness" for one in tolerated):
+        lines.append("foot stiffness: on equal feet of it none lifts;")
     torques = "other torques" if any(one.drives is not None for one in tolerated) else "torques"
     lines.append(f"not included: clearance, joint limits, {torques}")
     return [title + lines[0], *(" " * len(title) + line for line in lines[1:])]

@@ -53,7 +53,7 @@ _SHORT = {
     "friction": "friction",
     "faster": "speed +",
     "delay": "delay",
-    "foot_stiffness": "feet",
+    "foot_stiffness": "foot stiffness",
 }
 
 
@@ -101,10 +101,10 @@ class Tolerated:
             text = f"{name} {sign}{value:.3g} {self.unit}".replace("+ ", "+").replace("+>= ", ">= +")
             return text if self.drives is None else f"{text} (drives +{self.drives:.3g} {self.unit})"
         if np.isfinite(value):
-            return f"{name} of {_stiffness_text(min(value, STIFFEST))} and stiffer"
+            return f"{name} from {_stiffness_text(min(value, STIFFEST))}"
         if self.between is None:
-            return "compliant feet lift or slip"
-        return f"{name} of {' to '.join(map(_stiffness_text, self.between))}"
+            return f"no {name} is enough"
+        return f"{name} {' to '.join(map(_stiffness_text, self.between))} only"
 
     def _of_feet(self) -> str:
         damping = f"{100 * DAMPING_RATIO:.0f} % damping"
@@ -279,9 +279,26 @@ def robustness(task: Task, motion: Trajectory) -> tuple[Tolerated, ...]:
             if segment.name and not result.at_most:
                 placed = replace(placed, how=f"segment {segment.name}: {result.how}")
             before = least.get(result.quantity)
-            if before is None or _worse(placed, before):
+            if before is None:
+                least[result.quantity] = placed
+            elif result.quantity == "foot_stiffness":
+                least[result.quantity] = _of_both(before, placed)
+            elif _worse(placed, before):
                 least[result.quantity] = placed
     return tuple(least.values())
+
+
+def _of_both(one: Tolerated, other: Tolerated) -> Tolerated:
+    """The range of stiffness on which no foot lifts in either of two motions.
+
+    Told is what lifts on the softer side, or on the stiffest feet where a foot lifts there.
+    """
+    worse = max(one, other, key=lambda feet: (feet.value, not feet.at_most))
+    if np.isfinite(worse.value):
+        return worse
+    ranges = [(feet.value, np.inf) if np.isfinite(feet.value) else feet.between for feet in (one, other)]
+    least, most = max(r[0] for r in ranges if r), min(r[1] for r in ranges if r)
+    return replace(worse, between=(least, most) if all(ranges) and least <= most else None)
 
 
 def _worse(one: Tolerated, other: Tolerated) -> bool:
