@@ -1,11 +1,13 @@
 """What a certificate says is missing."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from ocptip.certificate.result import LATE, Certificate, Undecided
 from ocptip.certificate.trusted.checker import Verdict
+from ocptip.motion.summary import CheckedMotion
 
 HOLDS = Verdict(True, (), {"GT": 0.5}, 3)
 NONE = Verdict(False, (), {}, 0)
@@ -91,3 +93,38 @@ def test_proved_cancels_say_that_their_clearance_is_not_proved():
     ):
         text = str(Certificate({}, Verdict(True, (), bounds, 1), kept=True))
         assert ("clearance in cancels is not proved" in text) == said
+
+
+@pytest.mark.parametrize(
+    ("bounds", "kept"),
+    [
+        ({"GN_cancel": 0.7}, False),
+        ({"GN_cancel": 0.7, "torque_ratio_cancel": 0.8}, True),
+        ({"GN_cancel": 0.7, "GN_cancel_worst_case": 0.9, "torque_ratio_cancel": 0.8}, False),
+        ({"GN_cancel": 0.7, "GN_cancel_worst_case": 0.9, "torque_ratio_cancel_worst_case": 0.8}, True),
+    ],
+)
+def test_torques_in_cancels_are_proved_of_the_case_of_which_the_contacts_are(bounds, kept):
+    proof = Certificate({}, Verdict(True, (), bounds, 1), kept=True, cancels=True)
+    assert proof.cancel_torques == kept
+    assert not replace(proof, cancels=False).cancel_torques
+
+
+@pytest.mark.parametrize(
+    ("bounds", "within", "words"),
+    [
+        ({"GN_cancel": 0.7}, None, "their clearance and torques CHECKED at samples"),
+        ({"GN_cancel": 0.7, "torque_ratio_cancel": 0.8}, None, "torque limits, their clearance CHECKED at"),
+        (
+            {"GN_cancel_worst_case": 0.7, "torque_ratio_cancel_worst_case": 0.8},
+            object(),
+            "to lose no contact and to keep torque limits (joints on time), their clearance CHECKED at samples",
+        ),
+    ],
+)
+def test_the_headline_says_of_cancels_what_is_proved_and_what_is_sampled(bounds, within, words):
+    proof = Certificate({}, Verdict(True, (), bounds, 1), kept=True, cancels=True)
+    check = SimpleNamespace(headline="PROVED", verified=True, within=within, objects={})
+    stops = {"": SimpleNamespace(kinds="cancel")}
+    motion = SimpleNamespace(check=check, certificate=proof, stops=stops, left_out=(), verified=True)
+    assert words in CheckedMotion.headline.fget(motion)

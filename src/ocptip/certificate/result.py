@@ -175,6 +175,12 @@ class Certificate:
         return self.holds and not every_of_cancels(True).isdisjoint(self.sampled)
 
     @property
+    def cancel_torques(self) -> bool:
+        """Torques of joints on time keep their limits in all cancels, within the uncertainty if one is given."""
+        within = COVERS_OF_CANCELS[WITHIN_CANCEL][0] in self.verdict.bounds
+        return self.cancels and TORQUES_CANCEL[within] in self.verdict.bounds
+
+    @property
     def missing(self) -> str:
         """What is not proved, where, by how much, and what helps; empty if everything is proved."""
         if self.certified:

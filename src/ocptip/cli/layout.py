@@ -153,7 +153,7 @@ def stop_table(stops: Stops) -> list[str]:
             form.format(values[i]) if np.isfinite(values[i]) else "never rests" for _, values, form in known
         ]
         rows.append([f"{time:.3f} s", *cells])
-    about = "(by the contacts of the nominal model; clearance and joint range are apart)"
+    about = "(contacts in the nominal model; clearance and joint range do not count)"
     return ["largest safe share of the planned speed", about, *table(rows, left=())]
 
 

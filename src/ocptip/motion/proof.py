@@ -38,6 +38,11 @@ class Proof(Protocol):
         ...
 
     @property
+    def cancel_torques(self) -> bool:
+        """Torques of joints on time keep their limits in all cancels, within the uncertainty if one is given."""
+        ...
+
+    @property
     def lacks_cancels(self) -> bool:
         """That cancels lose no contact of the base was asked for and is not proved, though the motion is."""
         ...

@@ -129,7 +129,11 @@ class CheckedMotion:
             if self.certificate is None or not self.certificate.cancels:
                 return f"{text}; stops {sampled}{but}"
             base, sampled_too = (" of the base", "objects, ") if self.check.objects else ("", "")
-            text += f"; cancels PROVED to lose no contact{base}, their {sampled_too}clearance and torques "
+            kept, rest = "", "clearance and torques"
+            if self.certificate.cancel_torques:
+                on_time = " (joints on time)" if self.check.within else ""
+                kept, rest = f" and to keep torque limits{on_time}", "clearance"
+            text += f"; cancels PROVED to lose no contact{base}{kept}, their {sampled_too}{rest} "
             text += "CHECKED at samples"
             return (f"{text}; other stops {sampled}" if others else text) + but
         if any(stops.unknown for stops in self.stops.values()) and not self.broken:

@@ -104,7 +104,8 @@ class Tolerated:
             return f"{name} from {_stiffness_text(min(value, STIFFEST))}"
         if self.between is None:
             return f"no {name} is enough"
-        return f"{name} {' to '.join(map(_stiffness_text, self.between))} only"
+        least, most = map(_stiffness_text, self.between)
+        return f"{name} {least.removesuffix(' N/m')} to {most}"
 
     def _of_feet(self) -> str:
         damping = f"{100 * DAMPING_RATIO:.0f} % damping"

@@ -46,7 +46,7 @@ def test_the_folder_is_checked_with_its_stops(folder, capsys):
     capsys.readouterr()
     assert main(["check", str(out)]) == 0
     said = capsys.readouterr().out
-    assert "Stops of segment out\n  along the path (category 1 and 2)" in said
+    assert "Stops of segment out\n  along the path (category 1 and 2), in the nominal" in said
     assert "largest safe share of the planned speed" in said
 
 

@@ -245,9 +245,9 @@ def test_the_command_says_what_was_looked_at(capsys, motion_file, without_robust
     assert main(["check", str(motion_file), "-v", *PLAIN, "--stops", "path"]) == 0
     text = capsys.readouterr().out
     assert "GN in stops on the path" in text
-    assert "category 0 (brakes) not checked" in " ".join(text.split())
+    assert "stops by brakes when power is off (category 0): not checked" in " ".join(text.split())
     assert "largest safe share of the planned speed" in text
-    words = r"along the path \(category 1 and 2\): tipping margin >= ([\d.]+) N m, friction used <= \d+ %"
+    words = r"along the path \(category 1 and 2\), in the nominal model: tipping margin >= ([\d.]+) N m, friction used <= \d+ %"
     margin = re.search(words, " ".join(text.split()))
     assert float(margin[1]) > 0
     assert all(len(line) <= 80 for line in text.splitlines()[1:20])
@@ -598,7 +598,7 @@ def test_without_torque_limits_category_0_is_not_judged(task):
     assert "brakes" not in stops.worst
     assert "brakes" not in stops.speeds
     assert stops.unknown[0].detail.startswith(
-        "category 0 not checked: no brake data, and joint 1 has no torque"
+        "stops by brakes (category 0) not checked: no brake data, and joint 1 has no torque"
     )
     _, given = looked_at(own, "brakes", StopRules(brake_min=np.full(6, 60.0), brake_max=np.full(6, 70.0)))
     assert "brakes" in given.worst

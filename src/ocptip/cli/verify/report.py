@@ -252,7 +252,6 @@ class DocumentReport(Report):
                 yield picture(speed_figure(SPEEDS, *speeds), caption)
         if any(stage.stops for stage in self.about.stages):
             yield heading("Stops")
-            yield paragraph("In the nominal model, without uncertainty.")
             if self.about.task.is_cycle:
                 yield paragraph("Times are those of the segment.")
             for stage in self.about.stages:

@@ -34,7 +34,7 @@ from ocptip.trajectories.trajectory import Trajectory
 ROWS = 12  # of the table
 _SHOWN = 5e-4  # s: what is earlier is at once
 ASSUMED_BRAKES = f"{BRAKES[0]:g} to {BRAKES[1]:g} times the torque limits, a guess"
-_BY_JOINT = {"brakes": "by brakes (category 0)", "cancel": "cancel"}
+_BY_JOINT = {"brakes": "power off, by brakes (category 0)", "cancel": "cancel"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,14 +83,15 @@ class Stops:
             share = float(np.min(self.speeds["path"]))
             safe = "the planned speed" if share == 1 else f"{100 * share:.0f} % of the planned speed"
             longest = f"rests within {path['longest_stop_s']:.3f} s, safe up to {safe}"
-            results.append(f"along the path (category 1 and 2): {_contact_text(path)}, {longest}")
+            scope = _scope(path)
+            results.append(f"along the path (category 1 and 2){scope}: {_contact_text(path)}, {longest}")
         for kind, title in _BY_JOINT.items():
             if worst := self.worst.get(kind):
                 later = f", {worst['after_s']:.3f} s later" if worst["after_s"] >= _SHOWN else ""
                 text = f"{_contact_text(worst)}, worst when stopped at {worst['begun_s']:.3f} s{later}"
                 if kind == "brakes" and self.unknown:
                     text = f"not known, brake torques are not given. With {ASSUMED_BRAKES}: {text}"
-                results.append(f"{title}: {text}")
+                results.append(f"{title}{_scope(worst)}: {text}")
         return results
 
     def to_dict(self) -> dict[str, Any]:
@@ -246,6 +247,11 @@ def _alike(worst: Mapping[str, Any]) -> list[float]:
     return [worst[name] for name in (ALIKE, f"{ALIKE}_within") if name in worst]
 
 
+def _scope(worst: Mapping[str, Any]) -> str:
+    """That an uncertainty does not count; empty where worst cases stand beside nominal values."""
+    return "" if "GN_within" in worst else ", in the nominal model"
+
+
 def _contact_text(worst: Mapping[str, Any], name: str = "the base") -> str:
     """The worst of the contacts, in N m and per cent; beyond 1, indices measure no margin.
 
@@ -281,9 +287,9 @@ def _assumed(
         hardest = "as hard as limits of torque and acceleration allow, and all gentler ones"
         if time > 0:
             hardest = f"from full speed to rest in {time:g} s or more within the drives' limits"
-        texts.append(f"category 1 and 2: stops along the path, {hardest}; every instant of the check")
+        texts.append(f"stops along the path (category 1 and 2): {hardest}; every instant of the check")
     if robot.arm is None:
-        return (*texts, "category 0 and cancels: not computed for parallel robots")
+        return (*texts, "stops by brakes (category 0) and cancels: not computed for parallel robots")
     if "cancel" in asked:
         when = f"beginning within {1e3 * rules.reaction:g} ms" if rules.reaction else "at once"
         law = (
@@ -301,7 +307,7 @@ def _assumed(
         if not robot.arm.may_collide:
             texts.append("cancel: collisions not checked, no collision geometry")
     if "brakes" not in asked:
-        return (*texts, "category 0 (brakes) not checked")
+        return (*texts, "stops by brakes when power is off (category 0): not checked")
     if lacking:
         return (*texts, lacking)
     given = "as given"
@@ -311,9 +317,9 @@ def _assumed(
             "brake_torque_min_Nm, _max_Nm in [stops]"
         )
     delay = "at once" if rules.delay[1] == 0 else f"after {rules.delay[0]:g} to {rules.delay[1]:g} s"
-    texts.append(f"category 0: brakes act {delay}, their torques are {given}; constant torques while braking")
+    texts.append(f"stops by brakes: they act {delay}, torques are {given}; constant torques while braking")
     if robot.varying is not None:
-        texts.append("category 0: what acts on the gripper stays what it is when the stop begins")
+        texts.append("stops by brakes: what acts on the gripper stays what it is when the stop begins")
     if not robot.arm.may_collide:
-        texts.append("category 0: collisions not checked, no collision geometry")
+        texts.append("stops by brakes: collisions not checked, no collision geometry")
     return tuple(texts)

@@ -46,7 +46,7 @@ HOLDING = 1.3
 """A brake that is not given holds at least this share of what gravity asks in any posture: makers of drives
 ask for it in tests of holding brakes (docs/stops.md)."""
 
-NO_DATA = "category 0 not checked: no brake data"
+NO_DATA = "stops by brakes (category 0) not checked: no brake data"
 
 
 @dataclass(frozen=True, eq=False)
