@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from ocptip.basics.text import with_error
+from ocptip.basics.text import numbered, with_error
 
 
 @pytest.mark.parametrize(
@@ -20,3 +20,16 @@ from ocptip.basics.text import with_error
 )
 def test_values_have_the_digits_of_their_errors(value, half, text):
     assert with_error(value, half, "kg") == text
+
+
+@pytest.mark.parametrize(
+    ("numbers", "text"),
+    [
+        ([3], "link 3"),
+        ([1, 2], "links 1, 2"),
+        ([1, 2, 3, 5], "links 1 to 3, 5"),
+        ([2, 4, 5, 6], "links 2, 4 to 6"),
+    ],
+)
+def test_numbered_things_are_named_in_runs(numbers, text):
+    assert numbered("link", numbers) == text

@@ -118,7 +118,7 @@ def test_torques_in_cancels_are_proved_of_the_case_of_which_the_contacts_are(bou
         (
             {"GN_cancel_worst_case": 0.7, "torque_ratio_cancel_worst_case": 0.8},
             object(),
-            "to lose no contact and to keep torque limits (joints on time), their clearance CHECKED at samples",
+            "to keep torque limits (joints on time), their clearance CHECKED at samples",
         ),
     ],
 )

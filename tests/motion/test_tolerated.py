@@ -293,7 +293,8 @@ def test_the_short_lines_say_what_they_leave_out_and_where_the_search_ends():
     text = " ".join(" ".join(robustness_lines(rows)).split())
     assert text == (
         "Robust to (one at a time): tilt 3.84 deg | any friction foot stiffness from 2.3e5 N/m "
-        "until a contact is lost; foot stiffness: on equal feet of it none lifts; not included: clearance, joint limits, torques"
+        "until a contact is lost; foot stiffness: on equal feet of it none lifts; "
+        "not included: clearance, joint limits, torques"
     )
     held = Tolerated("extra_mass", 2.02, "kg", False, 0.1, "tips", drives=5.5)
     text = " ".join(" ".join(robustness_lines([*rows, held])).split())

@@ -57,6 +57,18 @@ def test_planar_example_ends_where_the_joint_torques_vanish():
     assert not best.active
 
 
+def test_joints_keep_a_margin_from_their_limits():
+    """The same arm, which would like 63 and -43 degrees; the elbow's limits are -170 and -10 degrees."""
+    limits = PlacementLimits(GN=None, GT=None, angle_margin=np.radians(45.0))
+    best = place(replace(planar_problem(), limits=limits), starts=2, samples=60).best
+    shoulder, elbow = np.degrees(best.angles[0])
+    assert 65.0 < shoulder < 115.0
+    assert elbow == pytest.approx(-55.0, abs=1e-4)
+    assert [f"{one}" for one in best.active] == [
+        "joint angle: upper limit of elbow: -55 deg, must be <= -55 deg"
+    ]
+
+
 @pytest.mark.slow
 def test_planar_optimum_is_found_from_nearly_all_start_sets():
     found = [place(planar_problem(), starts=4, samples=60, seed=s).best.total for s in range(100)]
@@ -314,7 +326,7 @@ def test_a_cart_on_two_wheels_and_two_casters_is_placed_with_the_best_sharing():
     casters = [*feet[:2], *(replace(foot, friction=0.0) for foot in feet[2:])]
     robot = Robot(four_feet().arm, four_feet().support.varied(casters), four_feet().motors)
     found = place(drilling(robot), starts=1).best
-    [margin] = [m for m in found.margins if (m.kind, m.name) == ("GT", "unloaded")]
+    [margin] = [m for m in found.margins if (m.kind, m.name) == ("GT", "without process load")]
     tilted = robot.varied(support=robot.support.varied(gravity=found.base_rotation.T @ [0.0, 0.0, -9.81]))
     still = np.zeros_like(found.angles)
     [wrench] = tilted.loads(found.angles, still, still)[1]

@@ -1,5 +1,7 @@
 """Problems are refused at the door with the name, the value and what would be right."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -56,6 +58,12 @@ def test_sampled_loads_refuse_what_is_no_cone():
         sampled_loads(1.0, 4, axis=[0, 0, 0])
 
 
+def test_a_margin_that_leaves_a_joint_no_angle_is_refused():
+    limits = PlacementLimits(angle_margin=np.radians(80.0))
+    with pytest.raises(InputError, match="limits: angle_margin: 80 deg leave shoulder no angle"):
+        replace(planar_problem(), limits=limits)
+
+
 def test_weights_sum_to_one():
     assert Weights(1, 1, 0, 2).array() == pytest.approx([0.25, 0.25, 0, 0.5])
     with pytest.raises(InputError, match="at least one must be > 0"):
@@ -67,11 +75,13 @@ def test_weights_sum_to_one():
 def test_load_cases_start_with_the_unloaded_one():
     problem = drilling()
     assert [(c.name, c.counts, c.constrained) for c in problem.cases] == [
-        ("unloaded", False, True),
+        ("without process load", False, True),
         ("thrust", True, True),
     ]
     problem = drilling(tasks=GripperTask([0, 0, 0.5], INTO_WALL), unloaded=False)
-    assert [(c.name, c.counts, c.constrained) for c in problem.cases] == [("unloaded", True, True)]
+    assert [(c.name, c.counts, c.constrained) for c in problem.cases] == [
+        ("without process load", True, True)
+    ]
     problem = drilling(unloaded=False)
     assert [(c.counts, c.constrained) for c in problem.cases] == [(False, False), (True, True)]
 

@@ -100,6 +100,18 @@ def enumerated(names: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
 
 
+def numbered(word: str, numbers: Iterable[int]) -> str:
+    """Things by their rising numbers: "link 3", "links 1 to 3, 5"."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    parts = [f"{run[0]} to {run[-1]}" if len(run) > 2 else ", ".join(map(str, run)) for run in runs]
+    return f"{word}{'s' * (len(runs) > 1 or len(runs[0]) > 1)} {', '.join(parts)}"
+
+
 def some(names: Sequence[str], most: int = 5) -> str:
     """The first of some names, and how many more there are: "a, b and 3 more"."""
     more = f" and {len(names) - most} more" if len(names) > most else ""

@@ -176,7 +176,7 @@ class Certificate:
 
     @property
     def cancel_torques(self) -> bool:
-        """Torques of joints on time keep their limits in all cancels, within the uncertainty if one is given."""
+        """Torques of joints on time keep their limits in all cancels, within the uncertainty if given."""
         within = COVERS_OF_CANCELS[WITHIN_CANCEL][0] in self.verdict.bounds
         return self.cancels and TORQUES_CANCEL[within] in self.verdict.bounds
 

@@ -54,6 +54,12 @@ def masses(robot: StandingMechanism) -> str:
     return f"{', '.join(parts)}{held}; together {quantity(robot.mass, 'kg')}"
 
 
+def joint_numbers(robot: StandingMechanism) -> str:
+    """By which numbers worst cases name joints and links."""
+    names = ", ".join(f"{number} {name}" for number, name in enumerate(robot.names, 1))
+    return f"{names}; link k is behind joint k"
+
+
 def under(name: str, texts: Iterable[object]) -> list[tuple[str, str]]:
     """Named lines of several texts; the first has the name."""
     return [("" if k else name, f"{text}") for k, text in enumerate(texts)]
@@ -87,9 +93,12 @@ def changes_table(sensitivities: Sequence[Sensitivity], title: str = "") -> list
     return table([[row[k] for k in known] for row in rows], left=(0,))
 
 
-def check_rows(checked: MotionCheck, robustness: Sequence[Tolerated]) -> list[tuple[str, str]]:
+def check_rows(
+    robot: StandingMechanism, checked: MotionCheck, robustness: Sequence[Tolerated]
+) -> list[tuple[str, str]]:
     """Detailed rows about a motion, or a cycle."""
     return [
+        ("joints", joint_numbers(robot)),
         *under("contacts", checked.contacts.lines()),
         *under("compliant feet", checked.feet_lines),
         *under("elastic joints", checked.drive_lines),

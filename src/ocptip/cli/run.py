@@ -7,7 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from importlib import import_module
 from typing import Any
 
@@ -28,14 +28,18 @@ def run(command: Command, options: argparse.Namespace, own_process: bool) -> int
     latest.quiet = options.quiet
     module = import_module(command.module)
     first = "" if command.group == "start" else "working ..."  # pages wait for their user
-    lines = lines_while(sys.stderr, f"ocptip {command.name}", first) if own_process else nullcontext()
-    with suspicions() as messages, one_thread, lines:
+
+    def lines(first: str) -> AbstractContextManager[None]:
+        return lines_while(sys.stderr, f"ocptip {command.name}", first) if own_process else nullcontext()
+
+    with suspicions() as messages, one_thread, lines(first):
         report: Report = module.run(options)
     report.warnings, report.verbose = messages, options.verbose
     answer = report.to_text() if report.early and not options.json and not options.quiet else ""
     if answer:
         _print(answer)
-    failure = written(report)
+    with lines("writing files ..."):
+        failure = written(report)
     text = report.to_json() if options.json else report.to_text()
     if options.quiet and not options.json:
         text = "\n".join([text.split("\n", 1)[0], *report.unmet])

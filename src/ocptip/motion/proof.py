@@ -39,7 +39,7 @@ class Proof(Protocol):
 
     @property
     def cancel_torques(self) -> bool:
-        """Torques of joints on time keep their limits in all cancels, within the uncertainty if one is given."""
+        """Torques of joints on time keep their limits in all cancels, within the uncertainty if given."""
         ...
 
     @property

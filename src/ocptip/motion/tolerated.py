@@ -292,7 +292,7 @@ def robustness(task: Task, motion: Trajectory) -> tuple[Tolerated, ...]:
 def _of_both(one: Tolerated, other: Tolerated) -> Tolerated:
     """The range of stiffness on which no foot lifts in either of two motions.
 
-    Told is what lifts on the softer side, or on the stiffest feet where a foot lifts there.
+    The instant is when a foot lifts on softer feet, or on the stiffest ones where one lifts there.
     """
     worse = max(one, other, key=lambda feet: (feet.value, not feet.at_most))
     if np.isfinite(worse.value):

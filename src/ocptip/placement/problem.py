@@ -157,6 +157,7 @@ class PlacementLimits:
             "pi_oe", "inv_cdn_oe" or "manipulability" (m^3), see `ocptip.indices`; six-axis arms only.
         index_min: its minimum; the search keeps a smooth bound from below of "pi_oe" and "inv_cdn_oe".
         tool_radius: m, of the ball about the TCP that "pi_oe" and "inv_cdn_oe" take as the tool.
+        angle_margin: rad, smallest distance of turning joints from their limits.
     """
 
     GN: float | None = 0.9
@@ -170,11 +171,12 @@ class PlacementLimits:
     index: str | None = None
     index_min: float | None = None
     tool_radius: float = 0.1
+    angle_margin: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("torque_ratio", "jacobian_length", "tool_radius"):
             positive_number(name, getattr(self, name))
-        for name in ("clearance", "base_clearance"):
+        for name in ("clearance", "base_clearance", "angle_margin"):
             positive_number(name, getattr(self, name), zero_allowed=True)
         for name in ("GN", "GT"):
             if getattr(self, name) is not None:
@@ -227,7 +229,7 @@ class TaskLoad:
         force, moment: (3,), N, N m, world axes.
         counts: it counts in the criteria.
         constrained: it counts in the constraints.
-        name: e.g. "drill: thrust" or "drill: unloaded".
+        name: e.g. "drill: thrust" or "drill: without process load".
     """
 
     task: int
@@ -314,6 +316,10 @@ class PlacementProblem:
                     f"{task.name}: orientation: {task.orientation!r} needs {rows} free parameters, "
                     f"arm {arm!r} on this terrain has {free}; use 'axis' or 'free'"
                 )
+        low, high = self.angle_range
+        for j in np.flatnonzero(low >= high):
+            name, margin = self.robot.arm.joint_names[j], np.degrees(self.limits.angle_margin)
+            raise InputError(f"limits: angle_margin: {margin:g} deg leave {name} no angle")
         self._fill_in()
 
     @property
@@ -405,7 +411,8 @@ class PlacementProblem:
             load_rows = [(np.asarray(load.force), np.asarray(load.moment), load.name) for load in task.loads]
             loads = [(i, *load) for i, load in enumerate(load_rows) if load[0].any() or load[1].any()]
             counts = len(loads) < max(len(task.loads), 1)
-            result.append(TaskLoad(t, -1, none, none, counts, counts or self.unloaded, f"{prefix}unloaded"))
+            unloaded = f"{prefix}without process load"
+            result.append(TaskLoad(t, -1, none, none, counts, counts or self.unloaded, unloaded))
             result += [
                 TaskLoad(t, i, force, moment, True, True, f"{prefix}{name}")
                 for i, force, moment, name in loads
@@ -421,6 +428,13 @@ class PlacementProblem:
     def limited_joints(self) -> np.ndarray:
         """Numbers of the joints with a torque limit."""
         return np.flatnonzero(np.isfinite(self.most_torque))
+
+    @cached_property
+    def angle_range(self) -> tuple[np.ndarray, np.ndarray]:
+        """Smallest and largest joint angles (n,), rad (sliding joints: m): the arm's, less `angle_margin`."""
+        arm = self.robot.arm
+        margin = np.where(arm.prismatic, 0.0, self.limits.angle_margin)
+        return arm.limits.angle_min + margin, arm.limits.angle_max - margin
 
     @property
     def reach(self) -> float:

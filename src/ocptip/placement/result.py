@@ -68,11 +68,17 @@ class PlacementMargin:
         name = self.full_name
         if verdicts := KINDS[self.kind].verdicts:
             return f"{self.kind}: {name}: {verdicts[bool(self.value)]}"
-        sign = "<=" if self.upper else ">="
-        unit = f" {self.unit}" if self.unit else ""
-        short = abs(self.value - self.limit)
-        text = f"{self.kind}: {name}: {self.value:.4g}{unit}, must be {sign} {self.limit:.4g}{unit}"
-        return text + (f" (off by {short:.3g}{unit})" if self.relative < -FEASIBLE else "")
+        value, limit, unit = self.in_degrees
+        sign, unit = "<=" if self.upper else ">=", f" {unit}" if unit else ""
+        text = f"{self.kind}: {name}: {value:.4g}{unit}, must be {sign} {limit:.4g}{unit}"
+        return text + (f" (off by {abs(value - limit):.3g}{unit})" if self.relative < -FEASIBLE else "")
+
+    @property
+    def in_degrees(self) -> tuple[float, float, str]:
+        """Value, limit and unit; angles in degrees."""
+        if self.unit == "rad":
+            return float(np.degrees(self.value)), float(np.degrees(self.limit)), "deg"
+        return self.value, self.limit, self.unit
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
@@ -301,6 +307,8 @@ class NoPlacementError(PlanningError):
 
 def _asked(problem: PlacementProblem) -> dict[str, Any]:
     """The requirements of a problem, as plain data for JSON."""
+    limits = asdict(problem.limits)
+    limits["angle_margin_deg"] = np.degrees(limits.pop("angle_margin"))
     tasks = [
         {
             "name": task.name,
@@ -314,7 +322,7 @@ def _asked(problem: PlacementProblem) -> dict[str, Any]:
     return {
         "weights": asdict(problem.weights),
         "references": problem.references,
-        "limits": asdict(problem.limits),
+        "limits": limits,
         "unloaded": problem.unloaded,
         "equally_compliant": problem.alike,
         "tolerance": problem.tolerance.to_dict(),

@@ -54,8 +54,8 @@ CELL = cycle_keys(
     "arm",
 )
 _SCENE = ("gravity", "base", "contact")
-_LIMITS = tuple(field.name for field in fields(PlacementLimits))
-_SHARED_LIMITS = ("GN", "GT", "torque_ratio", "clearance")
+_SHARED_LIMITS = ("GN", "GT", "torque_ratio", "clearance", "angle_margin_deg")
+_LIMITS = (*(field.name for field in fields(PlacementLimits)), "angle_margin_deg")
 _LEVEL = 1e-9  # of gravity
 _ALONG = 1e-9  # N and N m
 

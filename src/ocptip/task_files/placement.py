@@ -41,7 +41,7 @@ from ocptip.task_files.tables.payload import PAYLOAD
 from ocptip.task_files.tables.shapes import OBSTACLE, read_base_shapes, read_obstacles, require_geometry
 from ocptip.task_files.tables.terrain import TERRAIN, read_terrain
 from ocptip.task_files.tables.tolerance import tolerance_of
-from ocptip.task_files.task_scene import ROBOT_BASE
+from ocptip.task_files.task_scene import COMMON_LIMITS, ROBOT_BASE
 
 _MOST_DIRECTIONS = 10_000
 
@@ -126,12 +126,7 @@ _LIMITS = Keys(
             "Minimum distance of what must not touch.", "m", "0.01, or less if links are nearer"
         ),
         **PLACE_LIMITS,
-        "reference_moment": schema.number(
-            "Reference moment of the tip-over index.",
-            "N m",
-            bound="> 0",
-            otherwise="a tenth of the margin at rest",
-        ),
+        **{key: COMMON_LIMITS[key] for key in ("reference_moment", "angle_margin_deg")},
     },
 )
 _ENERGY = Keys(
@@ -338,6 +333,6 @@ def _limits(table: Table) -> tuple[PlacementLimits, float | None]:
     """Limits, and the reference moment, N m, if given."""
     moment = table["reference_moment"]
     free = {key: None for key in ("GN", "GT") if table.value(key) is False}
-    names = [field.name for field in fields(PlacementLimits) if field.name not in {**free, "index": None}]
-    index = table["index"]
-    return table.make(PlacementLimits, **table.given(*names), **free, index=index), moment
+    otherwise = {**free, "index": table["index"], "angle_margin": table["angle_margin_deg"]}
+    names = [field.name for field in fields(PlacementLimits) if field.name not in otherwise]
+    return table.make(PlacementLimits, **table.given(*names), **otherwise), moment

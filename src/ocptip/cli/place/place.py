@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 from argparse import Namespace
 from collections.abc import Iterator
 from concurrent.futures import Executor
@@ -15,21 +16,22 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.api.place import Placed, place
-from ocptip.basics.text import quantity
+from ocptip.basics.text import WIDTH, quantity, table, wrapped
 from ocptip.cli.command import FolderReport, Report
-from ocptip.cli.layout import masses, summary, under
+from ocptip.cli.layout import brief_notes, files_lines, fitted, masses, under
 from ocptip.cli.many import Asked, answer_many
 from ocptip.cli.options import given_tolerance, output_directory, require_least
 from ocptip.cli.terminal import Progress
 from ocptip.motion.check import scope_of
+from ocptip.placement.limits.arm import JointAngles
 from ocptip.placement.result import NoPlacementError, Placement, PlacementMargin, PlacementResult
 from ocptip.reserves.tipping import moment_at
 from ocptip.standing.tolerance import DEFAULT
 from ocptip.task_files.placement import load_placement
 
-_MEANING = {"GN": "tipping margin", "GT": "friction used", "GK": "force space index", "GE": "power at rest"}
+_MEANING = {"GN": "tipping margin", "GT": "friction used", "GK": "process force", "GE": "power at rest"}
+_LIMITED = {"GN": "tipping margin", "GT": "friction used", "bounds": "place"}
 _MOST_VIOLATED = 6
-_JOINTS = 2  # in a line
 
 
 def run(options: Namespace) -> Report:
@@ -105,25 +107,28 @@ class PlaceReport(FolderReport):
             if self.result.dropped and within.stands:
                 lines.append(("", f"{self.result.dropped} better ones or alternatives are not robust enough"))
         lines.append(("masses", masses(shown.problem.robot)))
-        lines += [("assumed", note) for note in shown.problem.robot.notes]
-        return summary(f"{self.result.name}   {head}", lines, self.written)
+        lines += under("assumed", brief_notes(shown.problem.robot.notes, self.verbose))
+        tables = [] if isinstance(answer, NoPlacementError) else [*_criteria(shown), "", *_limits(shown), ""]
+        head = textwrap.wrap(f"{self.result.name}   {head}", WIDTH, subsequent_indent=" " * 8)
+        pose = fitted([*_pose_lines(shown)]) if tables else []
+        return "\n".join([*head, *pose, "", *tables, *fitted(lines), *files_lines(self.written)])
 
 
 def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
-    """Pose, angles, criteria, margins, active constraints, alternatives."""
+    """The verdict, what is at its limit, alternatives, the search."""
     best = result.best
     kept = sum(start.feasible for start in result.starts)
-    head = (
-        f"PLACED, all constraints verified{scope_of(best.problem.collision)}. Total {best.total:.4f}; "
-        f"{kept} of {len(result.starts)} starts kept all constraints, "
-        f"{result.seconds:.1f} s, seed {result.seed}."
-    )
-    lines = [*_pose_lines(best), *_criteria_lines(best), *_margin_lines(best)]
-    active = "; ".join(str(m) for m in best.active) or "none: no limit is reached"
-    lines.append(("active", active))
+    lines = []
+    if best.active:
+        names = [f"{_LIMITED.get(m.kind, m.kind)} {m.full_name}" for m in best.active]
+        lines.append(("at limit", "; ".join(names)))
+    if any(margin.kind == JointAngles.kind for margin in best.active):
+        lines.append(("", "angle_margin_deg in [limits] keeps turning joints away from their limits"))
     for number, other in enumerate(result.places[1:], 2):
         lines.append((f"no. {number}", _alternative(other)))
-    return head, lines
+    tried = f"{kept} of {len(result.starts)} starts kept all constraints"
+    lines.append(("search", f"{tried}, {result.seconds:.1f} s, seed {result.seed}"))
+    return f"PLACED, all constraints verified{scope_of(best.problem.collision)}", lines
 
 
 def refusal_lines(error: NoPlacementError) -> tuple[str, list[tuple[str, str]]]:
@@ -153,8 +158,14 @@ def _alternative(placement: Placement) -> str:
     """Total, place and criteria."""
     terrain = placement.problem.terrain
     on = f" on {terrain[placement.patch].name}" if len(terrain) > 1 else ""
-    values = ", ".join(f"{_MEANING[name]} {_value(name, placement)}" for name in placement.criteria)
-    return f"total {placement.total:.4f}{on} at {where_text(placement)}; {values}"
+    values = ", ".join(f"{_MEANING[name]} {_value(name, placement)}" for name in _shown(placement))
+    return f"objective {placement.total:.4f}{on} at {where_text(placement)}; {values}"
+
+
+def _shown(placement: Placement) -> list[str]:
+    """The criteria that say something: without process loads there is no share of a force."""
+    loads = any(case.load >= 0 for case in placement.problem.cases)
+    return [name for name in placement.criteria if name != "GK" or loads]
 
 
 def _pose_lines(placement: Placement) -> list[tuple[str, str]]:
@@ -169,15 +180,15 @@ def _pose_lines(placement: Placement) -> list[tuple[str, str]]:
             f"roll {roll:.1f}, pitch {pitch:.1f}, yaw {yaw:.1f} deg",
         ),
     ]
+    arm, postures = problem.robot.arm, []
     for task, q in zip(problem.tasks, placement.angles, strict=True):
-        arm = problem.robot.arm
         angles = [
             f"{name} {value:.4f} m" if unit == "m" else f"{name} {value:.2f} deg"
             for name, value, unit in zip(arm.joint_names, arm.in_degrees(q) + 0.0, arm.units, strict=True)
         ]
-        rows = [", ".join(angles[k : k + _JOINTS]) for k in range(0, len(angles), _JOINTS)]
-        lines += under("joints", [*([task.name] if len(problem.tasks) > 1 else []), *rows])
-    return lines
+        posture = f"{task.name}: " if len(problem.tasks) > 1 else ""
+        postures.append(f"{posture}{', '.join(angles)}")
+    return [*lines, *under("joints", postures)]
 
 
 def _value(name: str, placement: Placement) -> str:
@@ -186,40 +197,44 @@ def _value(name: str, placement: Placement) -> str:
         return quantity(moment_at(value, reference), "N m", 3)
     if name == "GT" and value <= 1:
         return quantity(100 * value, "%", 3)
+    if name == "GK":
+        return f"{quantity(100 * value, '%', 3)} of the maximum"
     unit = placement.problem.energy.unit if name == "GE" else ""
     return f"{value:.1f} {unit}".rstrip() if name == "GE" else f"{value:.3f}"
 
 
-def _criteria_lines(placement: Placement) -> list[tuple[str, str]]:
-    problem, lines = placement.problem, []
-    for name, value in placement.criteria.items():
+def _criteria(placement: Placement) -> list[str]:
+    """The criteria, their weights, and what they add to the objective."""
+    problem, rows = placement.problem, [["", "", "weight", "objective"]]
+    for name in _shown(placement):
         weight, reference = getattr(problem.weights, name), problem.references[name]
-        text = _value(name, placement) + (f" ({name} {value:.3f})" if name in ("GN", "GT") else "")
-        if weight:
-            by = f" / {reference:.4g}" if reference != 1 else ""
-            text += f", weight {weight:.3g}{by}, share {weight * value / reference:.4f}"
-        else:
-            text += ", not weighted"
-        lines.append((_MEANING[name], text))
-    return lines
+        share = weight * placement.criteria[name] / reference
+        by = f"{weight:.3g}{f' / {reference:.4g}' if reference != 1 else ''}"
+        title = _MEANING[name] + (f" ({name})" if name != "GE" else "")
+        rows.append([title, _value(name, placement), *([by, f"{share:.4f}"] if weight else ["-", "-"])])
+    return table([*rows, ["sum", "", "", f"{placement.total:.4f}"]], left=(0, 1))
 
 
-def _margin_lines(placement: Placement) -> list[tuple[str, str]]:
+def _limits(placement: Placement) -> list[str]:
     """The tightest constraint of each kind; equalities and moments behind GN are in the file."""
     tightest: dict[str, PlacementMargin] = {}
     for margin in placement.margins:  # the smallest first
         tightest.setdefault(margin.kind, margin)
     shown = [m for m in tightest.values() if m.kind not in ("reach", "persistence", "tip-over")]
-    lines = [("limits", "the nearest of each kind; placement.json has all of them")]
-    return [*lines, *(("", _margin(margin)) for margin in shown)]
+    moment = placement.problem.robot.tip_over.reference_moment
+    numbers = table([_limit_cells(margin, moment) for margin in shown], left=(0,))
+    where = zip(numbers, shown, strict=True)
+    rows = [line for cells, m in where for line in wrapped(cells, [m.full_name], len(cells) + 2)]
+    return ["the nearest limit of each kind; placement.json has all", *rows]
 
 
-def _margin(margin: PlacementMargin) -> str:
-    unit, scale = margin.unit, 1.0
-    if unit == "rad":
-        unit, scale = "deg", 180 / np.pi
-    value, limit, unit = scale * margin.value, scale * margin.limit, f" {unit}" if unit else ""
+def _limit_cells(margin: PlacementMargin, moment: float | None) -> list[str]:
+    """Kind, value and limit; of indices in N m and per cent."""
+    value, limit, unit = margin.in_degrees
     sign = "<=" if margin.upper else ">="
-    distance = abs(limit - value)
-    compared = f"{value:.4g} {sign} {limit:.4g}{unit}, margin {distance:.3g}{unit}"
-    return f"{margin.kind + ':':<15} {compared}: {margin.full_name}"
+    if margin.kind == "GN" and moment and 0 < value < 1:
+        value, limit, unit, sign = moment_at(value, moment), moment_at(limit, moment), "N m", ">="
+    if margin.kind == "GT" and value <= 1:
+        value, limit, unit = 100 * value, 100 * limit, "%"
+    shown, bound = quantity(value, unit, 4).rstrip(), f"{sign} {limit:.4g}"
+    return [_LIMITED.get(margin.kind, margin.kind), shown, "at limit" if margin.active else bound]

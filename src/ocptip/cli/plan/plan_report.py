@@ -91,8 +91,9 @@ class PlanReport(GatedReport):
         more += [f"{run.trajectory_text}{_of(s.name)}" for s, run in pairs if run.trajectory_text]
         more += price_line(plan.price)
         more += [f"trajectory and margins over time are in the bag {self.bag}"] if self.bag else []
-        details = [*self.details(), *check_rows(plan.check, plan.robustness)] if self.verbose else []
+        details = []
         if self.verbose:
+            details += [*self.details(), *check_rows(plan.task.robot, plan.check, plan.robustness)]
             details += (
                 gear_rows(plan.checked) if plan.task.is_cycle else [("masses", masses(plan.task.robot))]
             )

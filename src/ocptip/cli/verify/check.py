@@ -112,7 +112,7 @@ class CheckReport(GatedReport):
             details = [("instants", f"{checked.samples} checked")]
             if result.motion.profiles is not None:
                 details += rise_rows(result.motion, checked)
-            details += check_rows(checked, result.robustness)
+            details += check_rows(result.task.robot, checked, result.robustness)
             if result.task.is_cycle:
                 details += gear_rows(result.checked)
             else:

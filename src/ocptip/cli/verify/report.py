@@ -20,7 +20,7 @@ from ocptip.basics.read import only_inside, read_bytes
 from ocptip.basics.text import percent, quantity, ratio
 from ocptip.basics.write import file_target, versions, write_bytes
 from ocptip.cli.command import Report
-from ocptip.cli.layout import files_lines, masses, segment_rows, tolerated_lines, within_rows
+from ocptip.cli.layout import files_lines, joint_numbers, masses, segment_rows, tolerated_lines, within_rows
 from ocptip.cli.motion_summary import notes
 from ocptip.cli.options import taken
 from ocptip.cli.verify.check import worst_rows
@@ -192,7 +192,7 @@ class DocumentReport(Report):
         rows = [
             *held,
             ("centre of mass of the base", f"{_vector(support.center_of_mass)} m"),
-            ("joints", ", ".join(robot.names)),
+            ("joints", joint_numbers(robot)),
         ]
         yield grid(("", ""), rows)
         feet = [

@@ -194,11 +194,12 @@ class JointAngles(PlacementLimit):
     counted_once = True
 
     def margins(self, evaluation: TaskEvaluation) -> list[ConstraintRows]:
-        arm, rows = self.problem.robot.arm, []
-        limits, units = arm.limits, np.array(arm.units)
-        for limit, upper, word in ((limits.angle_min, False, "lower"), (limits.angle_max, True, "upper")):
+        problem, rows = self.problem, []
+        arm, names = problem.robot.arm, [task.name for task in problem.tasks]
+        units, of = np.array(arm.units), f" ({names[evaluation.task]})" if len(names) > 1 else ""
+        for limit, upper, word in zip(problem.angle_range, (False, True), ("lower", "upper"), strict=True):
             indices = np.flatnonzero(np.isfinite(limit))
-            labels = [f"joint {j + 1}: {word} angle limit" for j in indices]
+            labels = [f"{word} limit of {arm.joint_names[j]}{of}" for j in indices]
             rows.append(
                 self.row(
                     labels, evaluation.q[:, indices], limit[indices], upper, tuple(units[indices]), ANGLE_UNIT
@@ -221,7 +222,8 @@ class Torque(PlacementLimit):
 
     def margins(self, evaluation: TaskEvaluation) -> list[ConstraintRows]:
         kept, joints = evaluation.constrained, self.joints
-        labels = [f"joint {j + 1} ({evaluation.cases[c].name})" for c in kept for j in joints]
+        names = self.problem.robot.names
+        labels = [f"{names[j]} ({evaluation.cases[c].name})" for c in kept for j in joints]
         values = np.abs(evaluation.torques[:, kept][:, :, joints]).reshape(
             len(evaluation.q), len(kept) * len(joints)
         )
@@ -233,7 +235,8 @@ class Torque(PlacementLimit):
         result = []
         for i, case in enumerate(layout.cases):
             wide = 1.0 if case.constrained else np.inf
-            labels = [RowLabel(self.kind, f"joint {j + 1} ({case.name})") for j in self.joints]
+            names = self.problem.robot.names
+            labels = [RowLabel(self.kind, f"{names[j]} ({case.name})") for j in self.joints]
             result.append(CaseRows(i, layout.y[case.task], labels, -wide, wide))
         return result
 

@@ -83,9 +83,8 @@ class Variables:
         self.counting = [i for i, case in enumerate(self.cases) if case.counts]
         self.weights = problem.weights.array() / [problem.references[c] for c in CRITERIA] * weighted
         self.size, self.x_bounds = 0, (np.empty(0), np.empty(0))
-        angles = problem.robot.arm.limits
         self.p = self._add(terrain.lower, terrain.upper)
-        self.q = [self._add(angles.angle_min, angles.angle_max) for _ in problem.tasks]
+        self.q = [self._add(*problem.angle_range) for _ in problem.tasks]
         self.y = [np.r_[self.p, q] for q in self.q]
         loaded = any(self.cases[i].load >= 0 for i in self.counting) and len(problem.limited_joints) > 0
         self.slack: dict[str, int] = {}

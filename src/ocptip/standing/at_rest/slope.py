@@ -60,6 +60,7 @@ class Weight:
         center: (3,), m, from the base's centre of mass, base axes.
         less, more: kg, by which the mass may be off.
         half: (3,), m, half sides of the box about the centre.
+        link: its number if it is a link of the arm, else 0.
     """
 
     name: str
@@ -68,6 +69,7 @@ class Weight:
     less: float = 0.0
     more: float = 0.0
     half: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    link: int = 0
 
 
 def tilted_wrench(support: Support, loads: Sequence[Load]) -> Callable[[np.ndarray], np.ndarray]:

@@ -15,7 +15,7 @@ from functools import cached_property, lru_cache
 import casadi as cs
 import numpy as np
 
-from ocptip.basics.text import towards
+from ocptip.basics.text import numbered, towards
 from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.base_motion import acceleration_of, inertial_wrench_of
 from ocptip.robots.dynamics import newton_euler
@@ -328,8 +328,7 @@ class Deviations:
             shares = np.round(parts.get(name, np.zeros(0)), 9)
             for share in dict.fromkeys(shares[shares != 0].tolist()):
                 off = np.flatnonzero(shares == share)
-                numbers = [f"{k + 1}" for k in off]
-                which = f"{word}{'s' * (len(numbers) > 1)} {', '.join(numbers)}" if len(shares) > 1 else word
+                which = numbered(word, off + 1) if len(shares) > 1 else word
                 if name == "payload_mass":
                     which = ", ".join(self._bodies[k] for k in off)
                 results.append(f"{which} {100 * share:+.3g} %")
@@ -347,8 +346,8 @@ class Deviations:
                 results.append(f"{who}{100 * abs(change):.3g} % {'faster' if change > 0 else 'slower'}")
         late = np.round(np.minimum(parts.get("delay", np.zeros(0)), self.tolerance.delay), 6)
         for delay in dict.fromkeys(late[late > 0].tolist()):
-            joints = ", ".join(f"{j + 1}" for j in np.flatnonzero(late == delay))
-            results.append(f"joint{'s' * (',' in joints)} {joints} delayed by {1e3 * delay:.3g} ms")
+            joints = numbered("joint", np.flatnonzero(late == delay) + 1)
+            results.append(f"{joints} delayed by {1e3 * delay:.3g} ms")
         for name, word in (("push", "gripper"), ("base_push", "base")):
             if np.any(force := parts.get(name, np.zeros(3))):
                 results.append(f"push of {np.linalg.norm(force):.3g} N at the {word} {towards(force)}")

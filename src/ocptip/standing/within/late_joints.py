@@ -23,6 +23,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from ocptip.basics.text import numbered
 from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.jumps import SMALLEST
 from ocptip.standing.tolerance import Uncertainty
@@ -297,8 +298,8 @@ class _Instant:
         """`"joints 1, 2 overshooting, joint 4 delayed"` of what the listed joints do."""
         words = []
         for word in dict.fromkeys(what):
-            joint_numbers = [f"{j + 1}" for j, one in zip(self.joints, what, strict=True) if one == word]
-            words.append(f"joint{'s' if len(joint_numbers) > 1 else ''} {', '.join(joint_numbers)} {word}")
+            numbers = [int(j) + 1 for j, one in zip(self.joints, what, strict=True) if one == word]
+            words.append(f"{numbered('joint', numbers)} {word}")
         return ", ".join([*words, self.of_base] if self.of_base else words)
 
 

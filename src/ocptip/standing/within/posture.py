@@ -99,7 +99,9 @@ def bodies(
         if mass > 0:
             off = tolerance.arm_mass * mass
             results.append(
-                Weight(f"link {number}", float(mass), origin + rotation @ centre - about, -off, off)
+                Weight(
+                    f"link {number}", float(mass), origin + rotation @ centre - about, -off, off, link=number
+                )
             )
     if held is not None:
         rotation, off = frames.rotations[-1], tolerance.payload_mass * held.mass

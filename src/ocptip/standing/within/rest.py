@@ -23,7 +23,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import enumerated, margin_text, quantity, towards
+from ocptip.basics.text import enumerated, margin_text, numbered, quantity, towards
 from ocptip.contact.support import Load, Support
 from ocptip.numerics.inertia import RigidBody
 from ocptip.numerics.vectors import cross
@@ -342,14 +342,18 @@ class RestCase:
         return FrictionDemand.of(self.footing.support, self._wrenches([off])[0])
 
     def words(self, off: Off) -> str:
-        """The deviations in words: "base mass and link 1 -5 %, link 2 +5 %, tilt 0.5 deg towards -y"."""
-        changed: dict[str, list[str]] = {}
+        """The deviations in words: "links 1 to 3 and base mass -5 %, tilt 0.5 deg towards -y"."""
+        changed: dict[str, list[Weight]] = {}
         for weight, more in zip(self._weights, off.masses - self._masses, strict=True):
             if more:
                 change = f"{100 * more / weight.mass:+.3g} %" if weight.mass else f"{more:+.3g} kg"
-                changed.setdefault(change, []).append(weight.name)
+                changed.setdefault(change, []).append(weight)
         results = [self._name] if self._name else []
-        results += [f"{enumerated(names)} {change}" for change, names in changed.items()]
+        for change, weights in changed.items():
+            links = [weight.link for weight in weights if weight.link]
+            names = [numbered("link", links)] if links else []
+            names += [weight.name for weight in weights if not weight.link]
+            results.append(f"{enumerated(names)} {change}")
         for weight, shift in zip(self._weights, off.shifts, strict=True):
             if shift.any():
                 moved = [f"{1e3 * d:+.3g} mm in {axis}" for axis, d in zip("xyz", shift, strict=True) if d]
