@@ -125,6 +125,6 @@ def test_torques_in_cancels_are_proved_of_the_case_of_which_the_contacts_are(bou
 def test_the_headline_says_of_cancels_what_is_proved_and_what_is_sampled(bounds, within, words):
     proof = Certificate({}, Verdict(True, (), bounds, 1), kept=True, cancels=True)
     check = SimpleNamespace(headline="PROVED", verified=True, within=within, objects={})
-    stops = {"": SimpleNamespace(kinds="cancel")}
+    stops = {"": SimpleNamespace(kinds="cancel", slips_alike=False)}
     motion = SimpleNamespace(check=check, certificate=proof, stops=stops, left_out=(), verified=True)
     assert words in CheckedMotion.headline.fget(motion)
