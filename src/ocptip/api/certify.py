@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from ocptip.api.inputs.given import MotionLike, given_motion
 from ocptip.api.tasks import Base, TaskLike
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.read import parse_json, read_text
+from ocptip.basics.text import silent
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.cycles.check import check_cycle, segments_of
@@ -72,6 +73,7 @@ def certify(
     rate: float | None = None,
     columns: Mapping[str, str | int] | None = None,
     topic: str | None = None,
+    stage: Callable[[str], None] | None = None,
 ) -> Certified:
     """Prove that a motion loses no contact and keeps all limits at every instant.
 
@@ -85,6 +87,7 @@ def certify(
         base: of a case, if it is not that of the file.
         rise_time: s, of profile commands; default: that of the file, or of the task.
         unit, rate, columns, topic: of files, see `ocptip.trajectories.read.load_motion`.
+        stage: called with what is proved, and how much of it.
 
     Raises:
         InputError: the motion cannot be read or does not fit the robot, or is a fit to samples.
@@ -103,7 +106,7 @@ def certify(
     refuse_objects(task)
     with naming(name):
         sequence = segments_of(task, given)
-        checked = certified_cycle(task, sequence, check_cycle(task, sequence))
+        checked = certified_cycle(task, sequence, check_cycle(task, sequence), say=stage or silent)
     return Certified(name, given.assumed, task=task, checked=checked)
 
 

@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike
 from ocptip.api.inputs.given import MotionLike, ProfileLike, given_motion
 from ocptip.api.inputs.motion_requirements import motion_outcomes
 from ocptip.api.inputs.requirements import Outcome
-from ocptip.api.results.plan import sensitivities_of, silent
+from ocptip.api.results.plan import sensitivities_of
 from ocptip.api.tasks import Base, TaskLike
 from ocptip.basics.errors import InputError, OcptipError, naming, positive_number
+from ocptip.basics.text import silent
 from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
 from ocptip.motion.check import OF_PATH, MotionCheck
@@ -256,7 +257,7 @@ def check(
         checked = check_cycle(task, sequence, **how)
         if given.fit is None:  # of which the accelerations are an estimate
             say("proving what was checked ...")
-            checked = certified_cycle(task, sequence, checked, cancels=cancels and not drives)
+            checked = certified_cycle(task, sequence, checked, cancels=cancels and not drives, say=say)
         checked = with_rises(task, sequence, checked)
         scaled = [(f, check_cycle(task, sequence.time_scaled(f), **how).whole) for f in time_scale]
     say("finding which deviations lose no contact ...")

@@ -21,9 +21,10 @@ from ocptip.api.methods import (
     prepared,
     searched,
 )
-from ocptip.api.results.plan import Plan, silent
+from ocptip.api.results.plan import Plan
 from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError, PlanningError, positive_number
+from ocptip.basics.text import silent
 from ocptip.motion.check import check_motion
 from ocptip.motion.cycles.task import Task, refuse_driving, refuse_objects
 from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -15,6 +15,7 @@ from ocptip.api.drive import drive
 from ocptip.api.results.chart import LoadChart
 from ocptip.api.results.drive import DriveEnvelope
 from ocptip.api.tasks import load_task
+from ocptip.basics.text import silent
 from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
 from ocptip.contact.bindings.wheel import DrivenWheel
@@ -56,7 +57,9 @@ POSTURES = 60  # of a motion, for the largest payload
 _SAME = 1e-3  # s: postures no farther apart are one
 
 
-def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stability:
+def report(
+    what: str | os.PathLike[str], *, cases: str | None = None, stage: Callable[[str], None] = silent
+) -> Stability:
     """Return the load cases, tilts, stops and robustness of a plan, or of a robot at rest.
 
     Example::
@@ -66,6 +69,7 @@ def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stabili
     Args:
         what: the folder of a plan, or a task file, whose robot is at rest.
         cases: a TOML file with the load cases; None: the usual ones.
+        stage: called with what is done next.
 
     Raises:
         InputError: there is no such folder or file, or the robot is no arm.
@@ -85,12 +89,15 @@ def report(what: str | os.PathLike[str], *, cases: str | None = None) -> Stabili
         stages = [Stage(stage_task, None, name) for stage_task, name in zip(_tasks(task), names, strict=True)]
     stability = Stability(path.name, task, folder, stages, cases is not None)
     if folder is not None:
-        stability.moves()
+        stability.moves(stage)
     stability.drives()
-    for stage, robot in zip(stages, robots, strict=True):
-        stage.rests(robot, cases)
+    stage("evaluating load cases ...")
+    for part, robot in zip(stages, robots, strict=True):
+        part.rests(robot, cases)
     if not any(robot.carried for robot in robots):  # charts are of payloads that the gripper holds
-        stability.charts = [chart(task, of=kind, samples=CHART_POSTURES) for kind in KINDS]
+        for kind in KINDS:
+            stage(f"making the {kind} chart ...")
+            stability.charts.append(chart(task, of=kind, samples=CHART_POSTURES))
     return stability
 
 
@@ -219,11 +226,13 @@ class Stability:
         self.envelope: DriveEnvelope | None = None
         self.charts: list[LoadChart] = []
 
-    def moves(self) -> None:
+    def moves(self, say: Callable[[str], None]) -> None:
         """Check the motions of the folder."""
+        say("checking the motion ...")
         assert self.folder is not None
         task, motion = self.task, self.folder.motion
-        checked = certified_cycle(task, motion, check_cycle(task, motion))
+        checked = certified_cycle(task, motion, check_cycle(task, motion), say=say)
+        say("checking stops, robustness and speeds ...")
         stops = {} if task.robot.acts.end else stops_by_segment(task, motion, checked)
         self.motion = CheckedMotion(
             task=task, checked=checked, robustness=robustness(task, motion), stops=stops

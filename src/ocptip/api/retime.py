@@ -15,9 +15,10 @@ import numpy as np
 from ocptip.api.inputs.given import MotionLike, ProfileLike, driven, driving, task_of_motion
 from ocptip.api.methods import proved_runs
 from ocptip.api.plan import base_alone
-from ocptip.api.results.plan import Plan, silent
+from ocptip.api.results.plan import Plan
 from ocptip.api.tasks import Base, TaskLike, load_task
 from ocptip.basics.errors import InputError, naming, positive_number
+from ocptip.basics.text import silent
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.cycles.check import cycle_check
 from ocptip.motion.cycles.task import CycleTask, refuse_driving, refuse_objects

@@ -146,3 +146,7 @@ def table(rows: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
         ).rstrip()
         for row in rows
     ]
+
+
+def silent(text: str) -> None:
+    """Show nothing, where nobody wants to know what is done next."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
+from ocptip.basics.text import silent
 from ocptip.certificate.find import certify
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck, cycle_check
@@ -14,7 +16,11 @@ from ocptip.trajectories.trajectory import Trajectory
 
 
 def certified(
-    robot: StandingMechanism, motion: Trajectory, checked: MotionCheck, limits: Limits | None = None
+    robot: StandingMechanism,
+    motion: Trajectory,
+    checked: MotionCheck,
+    limits: Limits | None = None,
+    say: Callable[[str], None] = silent,
 ) -> MotionCheck:
     """The check with a certificate, if the motion keeps its limits: a proof for all instants.
 
@@ -23,14 +29,20 @@ def certified(
     Args:
         robot, motion, limits: as checked.
         checked: result of `check_motion`.
+        say: called with what is proved, and how much of it.
     """
     if not checked.kept_while_moving or checked.certificate is not None:
         return checked
-    return replace(checked, certificate=certify(robot, motion, limits or Limits(), checked.worst))
+    return replace(checked, certificate=certify(robot, motion, limits or Limits(), checked.worst, say))
 
 
 def certified_cycle(
-    task: Task, motion: Trajectory, checked: CycleCheck, *, cancels: bool = False
+    task: Task,
+    motion: Trajectory,
+    checked: CycleCheck,
+    *,
+    cancels: bool = False,
+    say: Callable[[str], None] = silent,
 ) -> CycleCheck:
     """The check with certificates of all segments, if their motions keep their limits.
 
@@ -41,6 +53,7 @@ def certified_cycle(
         task, motion: as checked.
         checked: result of `check_cycle`.
         cancels: prove also that arms can be cancelled, by the rules of the tasks.
+        say: called with what is proved, and how much of it.
     """
     if not checked.whole.kept_while_moving:
         return checked
@@ -52,4 +65,4 @@ def certified_cycle(
         for segment_task in tasks
     ]
     rows = zip(tasks, zip(motion.segments, checked.segments, limits, strict=True), strict=True)
-    return cycle_check(task, motion, [certified(segment_task.robot, *row) for segment_task, row in rows])
+    return cycle_check(task, motion, [certified(segment_task.robot, *row, say) for segment_task, row in rows])

@@ -10,9 +10,11 @@ from ocptip.certificate.find_within import HIGHEST, LOSS_WITHIN
 from ocptip.certificate.result import AT_LIMIT, Undecided
 from ocptip.certificate.trusted.checker import CLAIMS_WITHIN
 from ocptip.certificate.trusted.described import CLEARANCE, SPEED_OF_POINTS, TORQUES
+from ocptip.reserves.force_sets import ForceSets
 from ocptip.standing.further_limits import POINT_SPEED, TCP_SPEED
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import NEARLY_LOST, SLIP_WITHIN, TIP_WITHIN, Limits
+from ocptip.standing.mechanism import StandingMechanism
 
 LOSS = 2e-4
 """How far claims are from the sampled worst values, relative (distances: 0.1 mm), where limits allow."""
@@ -92,3 +94,13 @@ def kept(limits: Limits, bounds: Mapping[str, float]) -> bool:
     return most and all(
         bounds.get(name, np.inf) >= getattr(limits, name) - 2 * AT_LIMIT for name in ("clearance", CLEARANCE)
     )
+
+
+def why_none(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
+    """Why no certificate can be made; empty if one can."""
+    if robot.tip_over.free_rotation:
+        return "contacts on one line"
+    if np.any(np.isfinite(ForceSets(robot.support).along)):
+        return "proofs do not cover wheels that roll"
+    lost = [name for name in ("GN", "GT") if not worst[name].value < HIGHEST]
+    return f"{lost[0]} is {worst[lost[0]].value:.4g}: a contact is lost" if lost else ""

@@ -6,14 +6,15 @@ Nothing here has to be trusted: `checker` checks the result.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import count, product
 from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.claimed import LOSS, bounds_near, goal_within, kept, lost_as_sampled
+from ocptip.basics.text import percent, silent
+from ocptip.certificate.claimed import LOSS, bounds_near, goal_within, kept, lost_as_sampled, why_none
 from ocptip.certificate.describe import (
     Separations,
     model_data,
@@ -45,7 +46,6 @@ from ocptip.certificate.trusted.described import (
 )
 from ocptip.certificate.trusted.plain import OBJECTS
 from ocptip.numerics.threads import one_thread
-from ocptip.reserves.force_sets import ForceSets
 from ocptip.standing.arm import Robot
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN, Limits
@@ -79,7 +79,11 @@ _COVERED = {
 
 @one_thread
 def certify(
-    robot: StandingMechanism, motion: Trajectory, limits: Limits, worst: Mapping[str, Worst]
+    robot: StandingMechanism,
+    motion: Trajectory,
+    limits: Limits,
+    worst: Mapping[str, Worst],
+    say: Callable[[str], None] = silent,
 ) -> Certificate:
     """Prove that a motion keeps all limits at every instant, as far as that can be done.
 
@@ -88,9 +92,10 @@ def certify(
         motion: of its joints.
         limits: that were asked for.
         worst: the sampled worst values, from `check_motion`; claims stay near them.
+        say: called with what is proved, and how much of it.
     """
     began = time.perf_counter()
-    if reason := _missing(robot, worst):
+    if reason := why_none(robot, worst):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     robot = robot.during(motion)
     within = limits.tolerance.given and any(name in worst for name in CLAIMS_WITHIN)
@@ -101,7 +106,7 @@ def certify(
     least = {CLEARANCE: getattr(limits, CLEARANCE)}
     # The checker knows joints that decelerate each by itself.
     cancel = None if limits.cancel is None or limits.cancel.together else limits.cancel
-    search = _ProofSearch(robot, motion, bounds, tolerance, least, cancel)
+    search = _ProofSearch(robot, motion, bounds, tolerance, least, cancel, say)
     if reason := unlike(motion, search.motion):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     search.run()
@@ -138,16 +143,6 @@ def _sampled(robot: StandingMechanism, motion: Trajectory, worst: Mapping[str, W
     return (*rigid, *(name for name in worst if name not in covered))
 
 
-def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
-    """Why no certificate can be made; empty if one can."""
-    if robot.tip_over.free_rotation:
-        return "contacts on one line"
-    if np.any(np.isfinite(ForceSets(robot.support).along)):
-        return "proofs do not cover wheels that roll"
-    lost = [name for name in ("GN", "GT") if not worst[name].value < HIGHEST]
-    return f"{lost[0]} is {worst[lost[0]].value:.4g}: a contact is lost" if lost else ""
-
-
 @dataclass
 class _Batch:
     """Piece, ends in u, forces there (2, rules, contacts, 3, N), directions by (interval, pair)."""
@@ -173,8 +168,10 @@ class _ProofSearch:
         tolerance: Mapping[str, Any] | None,
         least: Mapping[str, float],
         cancel: Cancel | None,
+        say: Callable[[str], None],
     ) -> None:
         self.robot, self.bounds, self._least, self._fastest = robot, bounds, least, 0.0
+        self._say = say
         self.motion = motion_data(motion, robot.acts.drive_profile)
         self.model = model_data(robot, self.motion["times"][-1][1], cancel)
         self._covers_of_cancels: dict[str, Any] = {}
@@ -206,15 +203,16 @@ class _ProofSearch:
         for halvings in count():
             if not len(todo[0]):
                 break
+            lasts = 0.5 * (times[todo[0], 1] - times[todo[0], 0]) * (todo[2] - todo[1])
+            self._say(f"proving the nominal motion: {percent(1 - np.sum(lasts) / times[-1, 1])} of it ...")
             batch, margins = self._checked(*todo)
             fastest = 1 - margins.pop(CLAIMS_OF_POINTS[SPEED_OF_POINTS_WITHIN], np.ones(len(batch.piece)))
             if halvings >= _LOWER_AFTER:
                 self._lower(margins)
             proved = np.all([margin >= 0 for margin in margins.values()], axis=0)
             self._done.append(batch.select(np.flatnonzero(proved)))
-            long = (times[batch.piece, 1] - times[batch.piece, 0]) * (batch.end - batch.start) > 2 * _SHORTEST
             left -= len(proved)
-            rows = np.flatnonzero(~proved & (long & (left > 0)))
+            rows = np.flatnonzero(~proved & ((lasts > _SHORTEST) & (left > 0)))
             self._fastest = max(self._fastest, np.max(np.delete(fastest, rows), initial=0.0))
             if len(given_up := np.setdiff1d(np.flatnonzero(~proved), rows)):
                 lacking = {name: margin[given_up] for name, margin in margins.items()}
@@ -244,7 +242,8 @@ class _ProofSearch:
         on_time, self._short = {**whole, **_ON_TIME}, lost_as_sampled(worst)
         worlds = () if self._short else (whole, on_time) if whole != on_time else (whole,)
         for tolerance, (short, most_short) in product(worlds, self._goals(goals)):
-            search = SearchWithin(weakest, self.model, self.motion, tolerance, short, self.knots)
+            given = self.model, self.motion, tolerance, short, self.knots
+            search = SearchWithin(weakest, *given, say=self._say)
             result = search.claims(most_short)
             if result is None:
                 continue
@@ -265,9 +264,8 @@ class _ProofSearch:
 
     def run_cancels(self, limits: Limits, worst: Mapping[str, Worst]) -> None:
         """Prove that no cancel loses a contact, unless one does as sampled."""
-        result = cancel_claims(
-            Robot.of(self.robot), self.model, self.motion, self._tolerance, limits, worst, self.knots
-        )
+        given = Robot.of(self.robot), self.model, self.motion, self._tolerance
+        result = cancel_claims(*given, limits, worst, self.knots, self._say)
         self.bounds |= result.bounds
         self._covers_of_cancels = result.cover
         self._short += [Undecided(*one) for one in result.short]

@@ -5,12 +5,13 @@ Nothing here has to be trusted: `checker` checks the result.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ocptip.basics.text import percent, silent
 from ocptip.certificate.claimed import limit_within
 from ocptip.certificate.find_within import HIGHEST, CheckedRows, SearchedClaims, SearchWithin
 from ocptip.certificate.result import ANGLES, CANCELS
@@ -73,6 +74,7 @@ def cancel_claims(
     limits: Limits,
     worst: Mapping[str, Worst],
     knots: np.ndarray,
+    say: Callable[[str], None] = silent,
 ) -> SearchedClaims:
     """Bounds and covers of the claims about cancels, nominal and within a tolerance, and what is short.
 
@@ -82,6 +84,7 @@ def cancel_claims(
         limits: with those of cancels.
         worst: sampled values; where a contact is lost already, nothing is tried.
         knots: see `SearchWithin`.
+        say: called with how much is proved.
     """
     assert limits.cancel is not None
     nominal = {TIP_WITHIN: limits.cancel.GN, SLIP_WITHIN: limits.cancel.GT}
@@ -99,7 +102,7 @@ def cancel_claims(
         search = SearchWithin(footing, model, motion, goal, goals, knots)
         worlds = zip(TORQUES_CANCEL, (NOTHING, tolerance), strict=True) if key == NOMINAL_CANCEL else ()
         drives = {name: Drives(model, world) for name, world in worlds if world is not None}
-        result = SearchCancels(search, model, motion, drives, limits.torque_ratio).claims()
+        result = SearchCancels(search, model, motion, drives, limits.torque_ratio, say).claims()
         within = " within tolerance" if key == WITHIN_CANCEL else ""
         every.short.extend((start, end, claim + within, by) for start, end, claim, by in result.short)
         if result.short:
@@ -120,6 +123,7 @@ class SearchCancels:
         model, motion: of a certificate.
         drives: bounds of torques by the names of their claims; empty: nothing is claimed of these.
         torque: largest share of their limits.
+        say: called with how much is proved.
     """
 
     def __init__(
@@ -129,8 +133,10 @@ class SearchCancels:
         motion: Mapping[str, Any],
         drives: Mapping[str, Drives],
         torque: float,
+        say: Callable[[str], None] = silent,
     ) -> None:
         self._search, self._motion, self._drives, self._torque = search, motion, drives, torque
+        self._say = say
         self._cancelled = Cancelled(motion, model[DECELERATIONS], search.sharing.late)
         self._limits, self._contacts = limits_of(model), search.sharing.contacts
         self._splits: dict[tuple[int, str], str] = {}
@@ -140,10 +146,15 @@ class SearchCancels:
         """The bounds, by the names of those within a tolerance, and the cover; or what is short."""
         boxes, places = self._first()
         done, total, tried, angle = _Proved(), 0, 0, np.inf
+        case = "the worst case of cancels" if self._search.sharing.late.delay else "cancels"
+        roots = 1 + max(root for root, _ in places)
         while len(places):
+            left_share = sum(0.5 ** len(way) for _, way in places) / roots
             holds, margins = np.zeros(len(places), dtype=bool), np.zeros(len(places))
             sizes = self._sizes(boxes)
             for begin in range(0, len(places), _AT_ONCE):
+                boxes_left = f"{len(places) - begin} boxes left"
+                self._say(f"proving {case}: {percent(1 - left_share)}, {boxes_left} ...")
                 for rows in self._cancelled.rows(boxes.some(slice(begin, begin + _AT_ONCE))):
                     part, here = self._search.checked(rows), begin + rows.number
                     shares = {k: one.shares(rows, self._limits["torque"]) for k, one in self._drives.items()}
@@ -165,6 +176,7 @@ class SearchCancels:
             left = np.flatnonzero(~holds)
             worst = left[np.argsort(margins[left])[: int(len(left) > 2 * tried)]]  # else it was tried
             tried = len(left) if len(worst) else tried
+            self._say(f"proving {case}: dividing the worst box ...")
             lost, by = self._lost(boxes.some(worst), sizes[worst], margins[worst])
             if len(lost.piece):
                 return SearchedClaims({}, {}, self._short(lost, by))

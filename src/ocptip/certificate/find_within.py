@@ -5,13 +5,14 @@ Nothing here has to be trusted: `checker` checks the result.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from ocptip.basics.text import percent, silent
 from ocptip.certificate.interior import Interior
 from ocptip.certificate.trusted.forms import K, numbers_of
 from ocptip.certificate.trusted.late import Rows
@@ -77,6 +78,7 @@ class SearchWithin:
         goals: bounds that are good enough; better ones are not searched.
         knots: s, at which what acts on the gripper bends.
         carried: the object in the model; None: the base.
+        say: called with how much is proved.
 
     Attributes:
         sharing: the claims of the checker.
@@ -92,8 +94,9 @@ class SearchWithin:
         goals: Mapping[str, float],
         knots: np.ndarray,
         carried: Mapping[str, Any] | None = None,
+        say: Callable[[str], None] = silent,
     ) -> None:
-        self._footing, self.goals, self._knots = footing, goals, knots
+        self._footing, self.goals, self._knots, self._say = footing, goals, knots, say
         self._interior = Interior(footing.support)
         self.sharing = Sharing(model, motion, tolerance, goals, carried)
         contacts = self.sharing.contacts
@@ -111,6 +114,8 @@ class SearchWithin:
         apart = np.zeros((len(starts), late.joints), dtype=bool)
         missing, total = np.inf, 0
         for most in _MOST_COMBINATIONS:
+            done = 1 - np.sum(ends - starts) / (late.end - late.start)
+            self._say(f"proving the worst case: {percent(done)}, {len(starts)} intervals left ...")
             groups = late.rows(starts, ends, apart)
             if (count := sum(len(rows.number) for rows in groups)) > _TOO_MANY:
                 return False

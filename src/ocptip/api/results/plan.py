@@ -21,6 +21,7 @@ from ocptip.api.methods import (
     proved_runs,
 )
 from ocptip.basics.outputs import remove_figures
+from ocptip.basics.text import silent
 from ocptip.basics.write import plain, write_files
 from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, with_rises
@@ -334,7 +335,3 @@ def _proofs_begun(
     if planned.interrupted and not any(TIME_IS_UP in one.options for one in (planned, *planned.parts)):
         return []
     return [begin(proved_part, part, certified) for part in planned.parts]
-
-
-def silent(text: str) -> None:
-    """Show nothing, where nobody wants to know what is done next."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +21,7 @@ from ocptip.cli.command import Report, ResultReport
 from ocptip.cli.layout import brief_notes, files_lines
 from ocptip.cli.motion_summary import notes
 from ocptip.cli.options import given_limits, naming_options, taken
+from ocptip.cli.terminal import Progress
 from ocptip.motion.summary import margin_table, motion_line
 from ocptip.task_files.option_files import read_columns
 
@@ -41,7 +43,9 @@ def run(options: Namespace) -> Report:
             raise InputError("--out: a cycle has a certificate per segment; ocptip plan writes them")
         task = load_task(task, **given_limits(options))
         reading = taken(options, "unit rate topic rise_time")
-        result = certify(task, options.motion, columns=read_columns(options.columns), **reading)
+        with Progress(sys.stderr, "checking the motion ...") as progress:
+            how = {"columns": read_columns(options.columns), "stage": progress.stage}
+            result = certify(task, options.motion, **reading, **how)
     return CertifyReport(result, options.out, yes=result.certified)
 
 

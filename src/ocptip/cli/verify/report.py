@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from ocptip.cli.command import Report
 from ocptip.cli.layout import files_lines, joint_numbers, masses, segment_rows, tolerated_lines, within_rows
 from ocptip.cli.motion_summary import notes
 from ocptip.cli.options import taken
+from ocptip.cli.terminal import Progress
 from ocptip.cli.verify.check import worst_rows
 from ocptip.cli.verify.drive import envelope_rows
 from ocptip.motion.check import MotionCheck
@@ -90,7 +92,8 @@ def run(options: Namespace) -> DocumentReport:
     with naming("--out"):
         out = file_target(options.out or f"ocptip-report-{path.resolve().stem}.html", ENDINGS)
         require_replaceable_file(out, overwrite=options.overwrite)
-    about = report(path, cases=options.cases)
+    with Progress(sys.stderr, "reading the plan ...") as progress:
+        about = report(path, cases=options.cases, stage=progress.stage)
     return DocumentReport(about, out, yes=about.stands, **taken(options, "cases serial author"))
 
 
