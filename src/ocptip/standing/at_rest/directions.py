@@ -94,3 +94,30 @@ def tilted(gravity: np.ndarray, downhill: np.ndarray, tilt: float | np.ndarray) 
     size = np.linalg.norm(gravity)
     down, tilt = gravity / max(size, _EPSILON), np.asarray(tilt)[..., None]
     return size * (np.cos(tilt) * down + np.sin(tilt) * downhill)
+
+
+def beyond_by_tilt(
+    gravity: np.ndarray, tilt: np.ndarray, over: np.ndarray, facets: np.ndarray, left: np.ndarray
+) -> np.ndarray:
+    """By how much a tilt of the floor moves wrenches beyond half spaces, at most, (N, R).
+
+    Args:
+        gravity: (3,), m/s^2.
+        tilt: (N, 1), rad, in any direction.
+        over: (N, 6, 3) derivatives of wrenches over gravity.
+        facets: (R, 6) of half spaces.
+        left: (N, R) how far wrenches are within them: rows where a bound by components, which costs
+            little, stays below get that bound, the others the exact one.
+    """
+    change = 2 * np.linalg.norm(gravity) * np.sin(tilt / 2)
+    result = (np.sqrt(np.einsum("nwt,nwt->nw", over, over)) * change) @ np.abs(facets).T
+    close = np.flatnonzero(np.any(result > left, axis=1))
+    tilt = tilt[close]
+    pull = np.stack([over[close, :, axis] @ facets.T for axis in range(3)])  # (3, k, R)
+    along = -np.tensordot(gravity, pull, 1)
+    size = np.sqrt(np.einsum("tkr,tkr->kr", pull, pull)) * np.linalg.norm(gravity)
+    # cos(a) - cos(a + tilt) at the angle a of pull and gravity, up to its largest value at pi.
+    across = np.sqrt(np.maximum(size**2 - along**2, 0.0))
+    most = along * (1 - np.cos(tilt)) + across * np.sin(tilt)
+    result[close] = np.where(along < -np.cos(tilt) * size, along + size, most)
+    return result

@@ -19,6 +19,7 @@ from ocptip.numerics.bisection import borders
 from ocptip.reserves.equal_compliance import ENOUGH, slides_beyond
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.model import ArmModel
+from ocptip.standing.at_rest.directions import beyond_by_tilt
 from ocptip.standing.at_rest.joint_box import JointBox
 from ocptip.standing.at_rest.levels import LargestLevels, largest_tried
 from ocptip.standing.at_rest.raised import Broken, Raised
@@ -240,8 +241,7 @@ class _LevelSearch:
             besides: (k,) or (1,) what is lost of the margin per level besides.
             names: (k,) of the limits.
         """
-        levels = self.levels[rows]
-        left = worst.values - need - besides * levels
+        left = worst.values - need - besides * (levels := self.levels[rows])
         broken = np.flatnonzero(left < -_CLOSE * self._scale)
         rows, levels, names = rows[broken], levels[broken], names[broken]
         if not len(rows):
@@ -315,12 +315,14 @@ class _LevelSearch:
             reach[:, deviations.places[name]] = radius
         reach[:, (place := deviations.places.get("gravity", slice(0, 0)))] = 0.0
         rough = beyond + np.einsum("nwt,nt->nw", np.abs(over), reach * safe) @ np.abs(facets).T
-        if place.stop:
-            rough += safe[place.start] * self._tilted(deviations, over[:, :, place], facets)
         parts, factor = (np.empty(0), np.empty(0)), 0.0
         if box := self.box:
             parts, factor = self._motion(box, loaded, rows)
             rough += factor * box.most(parts, facets)
+        if place.stop:
+            more, tilt = safe[place.start], np.broadcast_to(deviations.tilt, (len(rows), 1))
+            tilted = self.robot.support.gravity, tilt, over[:, :, place]
+            rough += more * beyond_by_tilt(*tilted, facets, -rough / more)
         near = (rough > 0) & ~kept[rows]
         # Most of many facets are far beyond at a large level: those that may be broken most come first, the
         # others only where none of these is broken.
@@ -345,17 +347,6 @@ class _LevelSearch:
         n, k = n[order], k[order]
         nearest = np.arange(len(n)) - np.searchsorted(n, n) < _AT_ONCE
         return rows[n[nearest]], k[nearest]
-
-    def _tilted(self, deviations: Deviations, over: np.ndarray, facets: np.ndarray) -> np.ndarray:
-        """(k, R) by how much a tilted floor moves wrenches beyond facets; over (k, 6, 3) gravity."""
-        down = self.robot.support.gravity
-        pull = np.stack([over[:, :, axis] @ facets.T for axis in range(3)])  # (3, k, R)
-        along = -np.tensordot(down, pull, 1)
-        size = np.sqrt(np.einsum("tkr,tkr->kr", pull, pull)) * np.linalg.norm(down)
-        # cos(a) - cos(a + tilt) at the angle a of pull and gravity, up to its largest value at pi.
-        across = np.sqrt(np.maximum(size**2 - along**2, 0.0))
-        most = along * (1 - np.cos(deviations.tilt)) + across * np.sin(deviations.tilt)
-        return np.where(along < -np.cos(deviations.tilt) * size, along + size, most)
 
     def _friction_by_bisection(self, cases: WorstCase, GT: float, rows: np.ndarray) -> None:
         if self.box or not self.raised.by_deviations:
@@ -407,12 +398,11 @@ class _LevelSearch:
         rows, below, above = rows[held], below[held], above[held]
         if not len(rows):
             return
+        low, high = np.zeros(len(rows)), self.levels[rows]
         if not self.raised.convex:
-            low, high = np.zeros(len(rows)), self.levels[rows]
             low, high = borders(lambda levels: excess(rows, levels)[0] <= 0, low, high, _HALVINGS)
             self._lower(rows, low, excess(rows, high)[1])
             return
-        low, high = np.zeros(len(rows)), self.levels[rows]
         for _ in range(_ROUNDS):
             if not len(rows):
                 return
