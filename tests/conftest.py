@@ -8,6 +8,7 @@ import pickle
 import warnings
 from copy import deepcopy
 from functools import partial
+from inspect import isroutine
 from pathlib import Path
 
 import numpy  # noqa: F401  (its libraries must be there before their threads are limited)
@@ -72,7 +73,7 @@ def computed_once():
         known = {}
 
         def remembered(*arguments):
-            key = pickle.dumps(arguments)
+            key = pickle.dumps([one for one in arguments if not isroutine(one)])  # no listeners
             if key not in known:
                 known[key] = compute(*arguments)
             return deepcopy(known[key])

@@ -268,18 +268,30 @@ def test_claims_need_their_data(key):
 
 @pytest.fixture(scope="module")
 def nodding():
-    """A nod, within an uncertainty of small delays, that can be cancelled: robot, limits, check, proof."""
-    task = experiment_task("B")
+    """A nod, within an uncertainty of small delays, that can be cancelled: robot, limits, check, proof, what
+    the proof says as it goes on.
+    """
+    task, said = experiment_task("B"), []
     tolerance = Uncertainty(delay=0.005, speed=0.02, friction=0.05, damping=0.2, tilt=0.005)
     cancel = Cancel(tuple((0.15 * task.robot.limits.acceleration).tolist()))
     limits = replace(task.limits, tolerance=tolerance, cancel=cancel)
     motion = _nod(task)
     checked = check_motion(task.robot, motion, limits)
-    return task.robot, limits, checked, certify(task.robot, motion, limits, checked.worst)
+    return task.robot, limits, checked, certify(task.robot, motion, limits, checked.worst, said.append), said
+
+
+def test_a_proof_says_how_much_is_done(nodding):
+    *_, said = nodding
+    for what in ("the nominal motion", "the worst case", "cancels", "the worst case of cancels"):
+        texts = [text for text in said if text.startswith(f"proving {what}: ") and "%" in text]
+        shares = [float(text.split(": ")[1].partition(" %")[0]) for text in texts]
+        assert shares, what
+        assert shares == sorted(shares), what
+    assert texts[0].endswith(" boxes left ...")
 
 
 def test_cancels_are_proved_close_to_their_sampled_worst_values(nodding):
-    _, _, checked, found = nodding
+    _, _, checked, found, _ = nodding
     assert found.certified
     assert found.cancels
     bounds = found.verdict.bounds
@@ -290,7 +302,7 @@ def test_cancels_are_proved_close_to_their_sampled_worst_values(nodding):
 
 def test_torques_of_cancels_are_proved_close_to_drawn_ones(nodding):
     """Joints on time, as planned and faster by the speed factor."""
-    robot, limits, _, found = nodding
+    robot, limits, _, found, _ = nodding
     bounds, rates = found.verdict.bounds, np.array(limits.cancel.decelerations)
     motion, rng = _nod(experiment_task("B")), np.random.default_rng(0)
     instants, count = np.append(rng.uniform(0, motion.end, 400), motion.event_times), 7
@@ -330,7 +342,7 @@ def _attacked(robot, found, count):
 @pytest.mark.slow
 def test_cancels_that_are_too_hard_are_not_proved(nodding):
     """The times of cancels in which a contact may be lost are named."""
-    robot, limits, _, found = nodding
+    robot, limits, _, found, _ = nodding
     hard = Cancel(tuple((4.0 * robot.limits.acceleration).tolist()))
     model = found.data["model"] | {"decelerations_on_cancel": list(hard.decelerations)}
     parts = found.data["motion"], found.data["tolerance"], replace(limits, cancel=hard)
