@@ -31,6 +31,7 @@ LOSS_WITHIN = 5e-3
 """Relative, how far claims are from the sampled worst values: nearer ones take several times as long."""
 _LOSS = 2e-4  # relative, how far those of GT are from what is proved where that is not enough
 _STEP = 0.01  # relative: first step of a share, and of what it exceeds its goal by, which is near enough
+_SEARCHED = 8  # rows for which a share is searched at a time: all of them take long
 _STEPS_OF_WEIGHTS = (0.5,) * 8 + (0.2,) * 8  # how far they go from try to try
 _PATIENCE, _SLOW = 4, 0.9  # after so many tries, the share that may be left of what is missing
 _IN_VAIN, _FEW = 1.6, 4  # so many times the intervals before: what is missing is not their length
@@ -338,24 +339,41 @@ class SearchWithin:
         return SearchedClaims(bounds, self._cover(), [])
 
     def _proved_share(self) -> float:
-        """The minimum share of friction that is proved to be enough for all rows."""
-        low, high = self.goals[SLIP_WITHIN], HIGHEST
-        some = [_some(part, part.beyond & part.holds) for part in self._parts]
-        if not any(len(part.interval) for part in some):
-            return low
-        goal, step, share = low, _STEP * low, low
+        """The minimum share of friction that is proved to be enough for all rows.
+
+        It is searched for the few that lack most; those of the others that lack then are searched on.
+        """
+        share, left = self.goals[SLIP_WITHIN], [_some(part, part.beyond & part.holds) for part in self._parts]
+        while True:
+            left, slack = self._lacking(left, share)
+            if not len(slack) or share >= HIGHEST:
+                return share
+            least, few = np.sort(slack)[:_SEARCHED][-1], []
+            for part in left:
+                here, slack = slack[: len(part.interval)], slack[len(part.interval) :]
+                few.append(_some(part, here <= least))
+            share = self._enough(few, share)
+
+    def _enough(self, some: list[CheckedRows], low: float) -> float:
+        """The minimum share above `low` that is proved to be enough for some rows."""
+        goal, step, high = self.goals[SLIP_WITHIN], _STEP * low, HIGHEST
         while high - low > max(2 * _LOSS * low, _STEP * (high - goal)):
-            more = [
-                _some(part, ~(self.sharing.held(part.terms, part.forces[:, 0], part.weights, share) >= 0))
-                for part in some
-            ]
-            if any(len(part.interval) for part in more):
+            share = 0.5 * (low + high) if high < HIGHEST else min(low + step, 0.5 * (low + high))
+            more, slack = self._lacking(some, share)
+            if len(slack):
                 low, some = share, more  # the others need less
             else:
                 high = share
-            share = 0.5 * (low + high) if high < HIGHEST else min(low + step, 0.5 * (low + high))
             step *= 2
         return high
+
+    def _lacking(self, some: list[CheckedRows], share: float) -> tuple[list[CheckedRows], np.ndarray]:
+        """The rows that are not proved to hold with a share of the friction, and how far they are from it."""
+        held = [self.sharing.held(part.terms, part.forces[:, 0], part.weights, share) for part in some]
+        lack = [~(slack >= 0) for slack in held]
+        slack = np.concatenate([slack[here] for slack, here in zip(held, lack, strict=True)])
+        parts = [_some(part, here) for part, here in zip(some, lack, strict=True)]
+        return parts, np.nan_to_num(slack, nan=-np.inf)
 
     def _cover(self) -> dict[str, Any]:
         order = np.argsort(self._starts)
