@@ -23,7 +23,8 @@ import numpy as np
 from ocptip.api.chart import halton_postures
 from ocptip.basics.write import versions
 from ocptip.standing.arm import Robot
-from ocptip.standing.at_rest.drive_envelope import Manoeuvres, largest_manoeuvres
+from ocptip.standing.at_rest.drive_envelope import largest_manoeuvres
+from ocptip.standing.at_rest.manoeuvres import Manoeuvres
 from ocptip.task_files.motion import load_task
 from studies.common import json_text, table
 from studies.driving.wheels import RADIUS, ROUGH, driven, on_wheels, tips_at

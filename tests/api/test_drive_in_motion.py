@@ -10,8 +10,9 @@ import ocptip
 from ocptip.api.inputs.given import driving
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.cli.main import main
-from ocptip.standing.at_rest.drive_envelope import Manoeuvres, largest_manoeuvres
+from ocptip.standing.at_rest.drive_envelope import largest_manoeuvres
 from ocptip.standing.at_rest.drive_states import worst_states
+from ocptip.standing.at_rest.manoeuvres import Manoeuvres
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.trajectories.drive_profile import DriveProfile
 from ocptip.trajectories.trajectory import Trajectory

@@ -11,7 +11,8 @@ import numpy as np
 from ocptip.pictures import style
 from ocptip.pictures.frame import new_figure, png
 from ocptip.standing.at_rest.chart_cells import ChartCell, ReachBySector
-from ocptip.standing.at_rest.drive_envelope import LARGEST, LargestManoeuvres
+from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres
+from ocptip.standing.at_rest.manoeuvres import LARGEST
 from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, SPEED, DesignLevels
 
 if TYPE_CHECKING:

@@ -16,7 +16,8 @@ from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
 from ocptip.reserves.friction_needed import friction_needed, missing_force
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
-from ocptip.standing.at_rest.drive_envelope import Manoeuvres, largest_manoeuvres
+from ocptip.standing.at_rest.drive_envelope import largest_manoeuvres
+from ocptip.standing.at_rest.manoeuvres import Manoeuvres
 from tests.quick import some
 from tests.standing.test_base_motion import carried
 

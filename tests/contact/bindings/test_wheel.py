@@ -15,7 +15,8 @@ from ocptip.contact.verdict import equilibrium, stability
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.friction_needed import friction_needed, missing_force
 from ocptip.reserves.slip import Slip
-from ocptip.standing.at_rest.drive_envelope import Manoeuvres, largest_manoeuvres
+from ocptip.standing.at_rest.drive_envelope import largest_manoeuvres
+from ocptip.standing.at_rest.manoeuvres import Manoeuvres
 from tests.standing.test_base_motion import carried
 
 G = 9.81

@@ -11,12 +11,15 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.bindings.wheel import DrivenWheel, FreeWheel
 from ocptip.contact.force_programs import LoadRays
 from ocptip.contact.support import Support
-from ocptip.standing.at_rest.drive_envelope import Manoeuvres, first_zero, largest_manoeuvres
-from ocptip.standing.tolerance import WORKSHOP
+from ocptip.reserves.equal_compliance import equal_sharing
+from ocptip.standing.at_rest.drive_envelope import first_zero, largest_manoeuvres
+from ocptip.standing.at_rest.manoeuvres import Manoeuvres
+from ocptip.standing.tolerance import WORKSHOP, Uncertainty
 from ocptip.standing.within.moving import MovingCase, driving_case_of
 from ocptip.standing.within.tolerable import AT_REST
 from ocptip.task_files.motion import load_task
 from tests.places import EXAMPLES
+from tests.standing.at_rest.test_alike_friction import on_wheels
 from tests.standing.test_base_motion import G, carried, feet
 
 Q = np.zeros(1)
@@ -232,3 +235,43 @@ def test_contacts_without_a_convex_set_of_forces_are_refused():
     robot = carried(Support(clamps, mass=10.0))
     with pytest.raises(ocptip.InputError, match="has no convex set of forces"):
         largest_manoeuvres(robot, Q, Manoeuvres.accelerations(around(4), [0, 0, -G]))
+
+
+@pytest.mark.parametrize("stiffness", [None, 1e5])
+@pytest.mark.parametrize("less", [0.0, 0.1])
+def test_friction_ends_after_a_caster_lifts_where_the_springs_that_still_press_leave_too_little(
+    stiffness, less
+):
+    """Three pairs of four press, at x = 0 (wheels), 0.15 and 0.3 m: a line through their forces by hand."""
+    height, friction = 2.0, 0.6 * (1 - less)
+    pairs = [(0.0, 0.6), (0.3, 0.0), (0.15, 0.0), (-0.3, 0.0)]
+    contacts = [
+        UnilateralContact(position=[x, y, 0], friction=mu, stiffness=stiffness)
+        for x, mu in pairs
+        for y in (-0.3, 0.3)
+    ]
+    robot = carried(Support(contacts, mass=59.0, center_of_mass=[0, 0, height]))
+    braking = Manoeuvres.accelerations(np.array([[-1.0, 0.0, 0.0]]), robot.support.gravity)
+    found = largest_manoeuvres(robot, Q, braking, Uncertainty(friction=less))
+    # Of the weight the wheels bear 1/3 - (h a - 0.15) 0.15 / 0.045, with a in units of gravity.
+    by_hand = G * friction * (1 / 3 + 0.5) / (1 + friction * height / 0.3)
+    assert found.lift[0] < by_hand < found.slip[0]
+    np.testing.assert_allclose(found.alike, by_hand, rtol=1e-3)
+    np.testing.assert_allclose(found.largest, found.alike)
+
+
+def test_friction_of_wheels_amid_lifted_casters_ends_where_solved_forces_slip():
+    """In directions near that of travel, by forces of springs that only push at single loads."""
+    support = on_wheels(1.5)
+    robot = carried(support)
+    angles = np.radians([10.0, 15.0, 165.0, 195.0, 340.0])
+    sides = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(5)])
+    found = largest_manoeuvres(robot, Q, Manoeuvres.accelerations(sides, support.gravity))
+    ends = (found.alike < found.slip) & (found.lift < found.alike)
+    assert np.count_nonzero(ends) >= 3
+    for share, holds in ((0.995, True), (1.005, False)):
+        accelerations = share * found.alike[ends, None] * sides[ends]
+        loads = np.hstack([60.0 * (support.gravity - accelerations), np.zeros(accelerations.shape)])
+        equal = equal_sharing(robot.contact_states(loads))
+        assert equal is not None
+        assert np.all(equal.stands == holds)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ocptip.standing.at_rest.drive_envelope import Manoeuvres, largest_manoeuvres
+from ocptip.standing.at_rest.drive_envelope import largest_manoeuvres
+from ocptip.standing.at_rest.manoeuvres import Manoeuvres
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory

@@ -17,14 +17,9 @@ from ocptip.basics.write import versions
 from ocptip.pictures.frame import png
 from ocptip.pictures.load_chart import envelope_figure
 from ocptip.standing.arm import Robot
-from ocptip.standing.at_rest.drive_envelope import (
-    LARGEST,
-    LargestManoeuvres,
-    Manoeuvre,
-    Manoeuvres,
-    largest_manoeuvres,
-)
+from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres, largest_manoeuvres
 from ocptip.standing.at_rest.drive_states import worst_states
+from ocptip.standing.at_rest.manoeuvres import LARGEST, Manoeuvre, Manoeuvres
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.trajectories.trajectory import Trajectory
 

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ocptip.standing.at_rest.drive_envelope import Manoeuvre
+from ocptip.standing.at_rest.manoeuvres import Manoeuvre
 
 
 @dataclass(frozen=True)

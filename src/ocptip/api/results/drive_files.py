@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres, Manoeuvre
+from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres
+from ocptip.standing.at_rest.manoeuvres import Manoeuvre
 
 _COLUMNS = "largest", "tips_at", "slips_at", "slips_if_shared_ideally_at", "first_contact_lifts_at"
 

@@ -15,7 +15,8 @@ from ocptip.cli.command import FolderReport
 from ocptip.cli.layout import brief_notes, files_lines, fitted, masses, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
 from ocptip.cli.verify.stand_posture import posture_of
-from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres, Manoeuvre
+from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres
+from ocptip.standing.at_rest.manoeuvres import Manoeuvre
 from ocptip.task_files.plan_folder import is_plan_folder
 
 _NOISE, _NOT = 1e-9, "not limited"

@@ -12,111 +12,31 @@ the bound, and lower it, until none do.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from itertools import product
+from functools import cached_property
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.contact.force_programs import LoadRays
-from ocptip.reserves.equal_compliance import friction_differs, normal_map_of
+from ocptip.numerics.bisection import borders
+from ocptip.reserves.equal_compliance import equally_compliant, friction_differs, normal_map_of
 from ocptip.standing.arm import Robot
+from ocptip.standing.at_rest.manoeuvres import LARGEST, Manoeuvres
 from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.standing.within.deviations import Deviations
 from ocptip.standing.within.moving import driving_case_of
 from ocptip.standing.within.worst_case import WorstCase
 
-LARGEST = 100.0
-"""Largest parameter that is tried, m/s^2, rad/s or m/s: no ground vehicle gets there."""
-
 _ROUNDS = 12
 _SAME = 1e-6  # relative: friction that lasts so nearly until a wheel lifts does not end before
+_NEARLY, _HALVINGS = 1e-3, 12  # relative, of an end; of what friction of lifted wheels is searched in
 _CLOSE = 1e-9  # relative: a bound that falls by less is the result
 _STAYS = 4  # rounds in which a bound does not fall: in a corner of the cones deviations may take turns
 _HELD = 1 - 1e-9  # share of a load that counts as all of it
 _STEP = 1e-3  # least parameter between which differences are taken
 _CHOICES = 2  # of deviations that are worst for a half space: the second counts products
 _INSIDE = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of a bound at which the worst deviations are chosen
-
-
-@dataclass(frozen=True)
-class Manoeuvre:
-    """What a base is asked to do.
-
-    Attributes:
-        key: of files.
-        text: for people.
-        unit: of its limit.
-    """
-
-    key: str
-    text: str
-    unit: str = "m/s^2"
-
-    def value(self, parameter: float) -> float | None:
-        """The limit; None where nothing limits it."""
-        return None if parameter >= LARGEST else float(parameter)
-
-
-@dataclass(frozen=True, eq=False)
-class Manoeuvres:
-    """P families of base motions with one parameter x >= 0 each.
-
-    Rows are those of `BaseMotion`: constant + x linear + x^2 square.
-
-    Attributes:
-        constant, linear, square: (P, 9); `square` has accelerations alone.
-        gravity: (P, 3), m/s^2, base axes.
-    """
-
-    constant: np.ndarray
-    linear: np.ndarray
-    square: np.ndarray
-    gravity: np.ndarray
-
-    @classmethod
-    def accelerations(cls, directions: np.ndarray, gravity: np.ndarray) -> Manoeuvres:
-        """Accelerations in directions (P, 3), with gravity (P, 3) or (3,); x is m/s^2."""
-        return cls.along(np.hstack([directions, np.zeros((len(directions), 6))]), gravity)
-
-    @classmethod
-    def along(cls, linear: np.ndarray, gravity: np.ndarray) -> Manoeuvres:
-        """Motions in proportion to rows (P, 9), with gravity (P, 3) or (3,)."""
-        none = np.zeros(linear.shape)
-        return cls(none, linear, none, np.broadcast_to(gravity, (len(linear), 3)))
-
-    @classmethod
-    def corners(
-        cls,
-        accelerations: tuple[Iterable[float], ...],
-        velocities: tuple[Iterable[float], ...],
-        gravity: np.ndarray,
-    ) -> Manoeuvres:
-        """In proportion to all combinations of velocities in base axes and their derivatives, each a set."""
-        every = product(*accelerations, *velocities)
-        rows = [[a - u * w, b + v * w, 0, 0, 0, w, 0, 0, turn] for a, b, turn, v, u, w in every]
-        return cls.along(np.array(rows), gravity)
-
-    def __add__(self, other: Manoeuvres) -> Manoeuvres:
-        """These and others."""
-        parts = ("constant", "linear", "square", "gravity")
-        return Manoeuvres(*(np.vstack([getattr(self, name), getattr(other, name)]) for name in parts))
-
-    def repeated(self, count: int) -> Manoeuvres:
-        """Each family so often, one after the other."""
-        parts = (self.constant, self.linear, self.square, self.gravity)
-        return Manoeuvres(*(np.repeat(part, count, axis=0) for part in parts))
-
-    def __len__(self) -> int:
-        """Number of families."""
-        return len(self.linear)
-
-    def at(self, which: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rows (R, 9) of base motions, and gravity (R, 3), of families (R,) at parameters (R,)."""
-        x = x[:, None]
-        rows = self.constant[which] + x * self.linear[which] + x**2 * self.square[which]
-        return rows, self.gravity[which]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,8 +50,8 @@ class LargestManoeuvres:
         slip: (P,) up to which friction holds; as large as `tip` where the base tips first.
         normals: (P, 6) of half spaces that limit the load there.
         alike: (P,) up to which friction holds if wheels are equally compliant, or as stiff as declared;
-            `LARGEST` where it holds until one lifts, and where only one sharing of the load is possible, or
-            all wheels have the same friction.
+            `LARGEST` where it holds as long as otherwise, and where only one sharing of the load is possible,
+            or all wheels have the same friction.
         times: (P,) s, of the worst instant of a motion; None: of a posture.
     """
 
@@ -211,6 +131,7 @@ class ManoeuvreSearch:
     def __init__(
         self, robot: Robot, q: np.ndarray, manoeuvres: Manoeuvres, tolerance: Uncertainty, interface: int
     ) -> None:
+        self._given = robot, q, manoeuvres, tolerance, interface
         self._cases = driving_case_of(robot, tolerance, interface)
         posture = np.concatenate([q, np.zeros(2 * robot.n)]) if q.ndim == 1 else q
         self._s = np.broadcast_to(posture, (len(manoeuvres), posture.shape[-1]))
@@ -319,7 +240,36 @@ class ManoeuvreSearch:
             return np.full(len(lift), LARGEST)
         most = np.minimum(lift, slip)
         values = self.slip(most, normals, normal_map)[0]
-        return np.where(values < most * (1 - _SAME), values, LARGEST)
+        values = np.where(values < most * (1 - _SAME), values, LARGEST)
+        lifted = np.flatnonzero((values == LARGEST) & (lift < slip * (1 - _SAME)))
+        if self._springs is not None and len(lifted):
+            values[lifted] = self._springs.lifted(lifted, lift[lifted], slip[lifted])
+        return values
+
+    @cached_property
+    def _springs(self) -> ManoeuvreSearch | None:
+        """This search on springs, which only push; None where these are not known."""
+        if self._cases.footing.support.elastic:
+            return self
+        robot, q, manoeuvres, tolerance, interface = self._given
+        if interface or (support := equally_compliant(robot.support)) is None:
+            return None
+        robot = robot.varied(support=support, redistribution=None)
+        return ManoeuvreSearch(robot, q, manoeuvres, tolerance, interface)
+
+    def lifted(self, which: np.ndarray, lift: np.ndarray, most: np.ndarray) -> np.ndarray:
+        """(R,) parameters of families (R,), from where a wheel lifts, up to which friction holds on springs;
+        `LARGEST` where it does at `most`.
+        """
+
+        def kept(x: np.ndarray) -> np.ndarray:
+            cases, s = self._moving(which, x)
+            return cases.slip(s).values < 1.0
+
+        # Inside, for at its end friction may end in every sharing.
+        inside = most * (1 - _NEARLY)
+        held = kept(inside)
+        return np.where(held, LARGEST, borders(kept, lift, inside, _HALVINGS)[0])
 
     def slip(
         self, most: np.ndarray, first: np.ndarray | None, normal_map: np.ndarray | None = None

@@ -6,12 +6,8 @@ import numpy as np
 
 from ocptip.reserves.equal_compliance import normal_map_of, slides_beyond
 from ocptip.standing.arm import Robot
-from ocptip.standing.at_rest.drive_envelope import (
-    LARGEST,
-    Manoeuvres,
-    ManoeuvreSearch,
-    first_zero,
-)
+from ocptip.standing.at_rest.drive_envelope import ManoeuvreSearch, first_zero
+from ocptip.standing.at_rest.manoeuvres import LARGEST, Manoeuvres
 from ocptip.standing.tolerance import Uncertainty
 
 
