@@ -29,8 +29,10 @@ _NUMBERS = {
 _ELEMENTS = {np.dtype(of).char: of for of in (FLOAT, INT, WORD, BOOL)}
 _FORMATS = {FLOAT: "d", INT: "q", WORD: "Q", BOOL: "q"}
 _LANGUAGE = {
-    str(Path(__file__).with_name(f"{name}.py")) for name in ("lowering", "expressions", "module", "values")
+    str(Path(__file__).with_name(f"{name}.py"))
+    for name in ("compiled", "lowering", "expressions", "module", "values")
 }
+_SMALL = 25  # of LLVM's units for the cost of a call: functions that are put into those that call them
 _interpreting = False  # in all of this process, see `interpreted`
 _making = RLock()
 
@@ -93,12 +95,21 @@ class Kernel:
         module = Module(_callee, Lowered)
         results = module.entry(self.function, self.any_order, kinds)
         code, machine = llvm.parse_assembly(str(module.module)), target()
+        # Without sums in any order, vectors and large functions that callees are put into make code only 2 %
+        # faster, and take a third of LLVM's time.
+        vectors = self._adds_in_any_order()
         tuning = llvm.create_pipeline_tuning_options(speed_level=2)
-        tuning.loop_vectorization = tuning.slp_vectorization = True
+        tuning.loop_vectorization = tuning.slp_vectorization = vectors
+        if not vectors:
+            tuning.inlining_threshold = _SMALL
         builder = llvm.create_pass_builder(machine, tuning)
         builder.getModulePassManager().run(code, builder)
         head = " ".join(f"{kind.of} {kind.dimensions}" for kind in results)
         return head.encode() + b"\n" + machine.emit_object(code)
+
+    def _adds_in_any_order(self) -> bool:
+        """Whether this function or one that it calls may take sums in any order."""
+        return self.any_order or any(kernel._adds_in_any_order() for kernel in self._called())
 
     def _files(self) -> set[str]:
         """The files of this function and of all that it calls."""
