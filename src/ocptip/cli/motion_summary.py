@@ -29,8 +29,8 @@ def notes(checked: MotionCheck) -> list[str]:
         text = "rigid feet can share the load differently; foot forces are of equally compliant feet"
         equal, worst = contacts.equal_friction, checked.within and checked.within.alike_friction
         if equal and equal.value < 1:
-            case = f", {percent(worst.value)} in the worst case" if worst else ""
-            text += f", which use {percent(equal.value)} of their friction{case}"
+            case = f", {of_friction(worst.value)} in the worst case" if worst else ""
+            text += f", which use {of_friction(equal.value)}{case}"
         results.append(text)
     if contacts.alike and contacts.alike.value < 0:
         results.append(

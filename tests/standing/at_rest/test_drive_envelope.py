@@ -12,12 +12,15 @@ from ocptip.contact.bindings.wheel import DrivenWheel, FreeWheel
 from ocptip.contact.force_programs import LoadRays
 from ocptip.contact.support import Support
 from ocptip.reserves.equal_compliance import equal_sharing
+from ocptip.standing.at_rest.directions import tilted
 from ocptip.standing.at_rest.drive_envelope import first_zero, largest_manoeuvres
 from ocptip.standing.at_rest.manoeuvres import Manoeuvres
 from ocptip.standing.tolerance import WORKSHOP, Uncertainty
+from ocptip.standing.within.in_motion import worst_within
 from ocptip.standing.within.moving import MovingCase, driving_case_of
 from ocptip.standing.within.tolerable import AT_REST
 from ocptip.task_files.motion import load_task
+from ocptip.trajectories.trajectory import Trajectory
 from tests.places import EXAMPLES
 from tests.standing.at_rest.test_alike_friction import on_wheels
 from tests.standing.test_base_motion import G, carried, feet
@@ -237,20 +240,24 @@ def test_contacts_without_a_convex_set_of_forces_are_refused():
         largest_manoeuvres(robot, Q, Manoeuvres.accelerations(around(4), [0, 0, -G]))
 
 
-@pytest.mark.parametrize("stiffness", [None, 1e5])
-@pytest.mark.parametrize("less", [0.0, 0.1])
-def test_friction_ends_after_a_caster_lifts_where_the_springs_that_still_press_leave_too_little(
-    stiffness, less
-):
-    """Three pairs of four press, at x = 0 (wheels), 0.15 and 0.3 m: a line through their forces by hand."""
-    height, friction = 2.0, 0.6 * (1 - less)
+def on_four_pairs(stiffness=None):
+    """Of the pairs one has friction; the centre of mass is 2 m high."""
     pairs = [(0.0, 0.6), (0.3, 0.0), (0.15, 0.0), (-0.3, 0.0)]
     contacts = [
         UnilateralContact(position=[x, y, 0], friction=mu, stiffness=stiffness)
         for x, mu in pairs
         for y in (-0.3, 0.3)
     ]
-    robot = carried(Support(contacts, mass=59.0, center_of_mass=[0, 0, height]))
+    return carried(Support(contacts, mass=59.0, center_of_mass=[0, 0, 2.0]))
+
+
+@pytest.mark.parametrize("stiffness", [None, 1e5])
+@pytest.mark.parametrize("less", [0.0, 0.1])
+def test_friction_ends_after_a_caster_lifts_where_the_springs_that_still_press_leave_too_little(
+    stiffness, less
+):
+    """Three pairs of four press, at x = 0 (wheels), 0.15 and 0.3 m: a line through their forces by hand."""
+    height, friction, robot = 2.0, 0.6 * (1 - less), on_four_pairs(stiffness)
     braking = Manoeuvres.accelerations(np.array([[-1.0, 0.0, 0.0]]), robot.support.gravity)
     found = largest_manoeuvres(robot, Q, braking, Uncertainty(friction=less))
     # Of the weight the wheels bear 1/3 - (h a - 0.15) 0.15 / 0.045, with a in units of gravity.
@@ -275,3 +282,20 @@ def test_friction_of_wheels_amid_lifted_casters_ends_where_solved_forces_slip():
         equal = equal_sharing(robot.contact_states(loads))
         assert equal is not None
         assert np.all(equal.stands == holds)
+
+
+def test_the_worst_case_of_a_tilt_counts_casters_that_lift():
+    """The same pairs on slopes of 0.095 in a fan of directions, by forces of springs that only push.
+
+    Uphill along x the load acts at 0.19 m, the rear pair lifts, and the others share as above.
+    """
+    robot, angle = on_four_pairs(), np.arctan(0.095)
+    gravity, rests = robot.support.gravity, Trajectory.from_points(np.array([0.0, 0.1]), np.zeros((2, 1)))
+    found = worst_within(robot, rests, Uncertainty(tilt=angle), np.array([0.0])).alike_friction
+    floors = tilted(gravity, around(72), np.full(72, angle))
+    equal = equal_sharing(robot.contact_states(np.hstack([60.0 * floors, np.zeros((72, 3))])))
+    assert found is not None
+    assert equal is not None
+    assert equal.GT[0] == pytest.approx(0.095 / (0.6 * (1 / 3 - 0.04 * 0.15 / 0.045)), rel=1e-6)
+    assert found.value == pytest.approx(np.max(equal.GT), rel=1e-2)
+    assert found.value > 1.4 * equal.GT[0]

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.reserves.equal_compliance import equal_normal_map, slides_beyond
+from ocptip.reserves.equal_compliance import equal_normal_map, equal_sharing, slides_beyond
 from ocptip.standing.contact_margins import Margin
 from ocptip.standing.within.late_joints import DelayedStates
 from ocptip.standing.within.worst_case import WorstCase
+
+_EXACT = 8  # wrenches whose forces are solved
 
 
 def least_if_alike(cases: WorstCase, states: DelayedStates) -> Margin | None:
@@ -26,7 +28,11 @@ def least_if_alike(cases: WorstCase, states: DelayedStates) -> Margin | None:
 
 
 def friction_if_alike(cases: WorstCase, states: DelayedStates) -> Margin | None:
-    """Share of the friction that feet use if all give alike and press, by slopes over the deviations."""
+    """Share of the friction that equally compliant feet use at the worst deviations of this search.
+
+    Slopes give these for sliding along and about some axes while all feet press. Under the worst wrenches the
+    forces are those of feet that only push; infinite where these lose the base.
+    """
     support = cases.footing.support
     if (shares := equal_normal_map(support)) is None:
         return None
@@ -34,12 +40,18 @@ def friction_if_alike(cases: WorstCase, states: DelayedStates) -> Margin | None:
     wrenches, over = cases.deviations.wrench_and_slopes(
         states.s, np.zeros((len(states.s), cases.deviations.size))
     )
-    used = np.zeros((len(pulls), len(wrenches)))
-    for k, (pull, more) in enumerate(zip(pulls, beyond, strict=True)):
+    found = []
+    for pull, more in zip(pulls, beyond, strict=True):
         change = np.einsum("w,nwt->nt", more, over)
         theta = cases.deviations.least(-change, states.max_delay)
         worst = wrenches + np.einsum("nwt,nt->nw", over, theta)
         friction = worst @ (pull - more)
-        used[k] = np.where(friction > 0, worst @ pull / np.where(friction > 0, friction, 1.0), 0.0)
-    axis, row = np.unravel_index(np.argmax(used), used.shape)
-    return Margin(float(used[axis, row]), float(states.times[row]))
+        used = np.where(friction > 0, worst @ pull / np.where(friction > 0, friction, 1.0), 0.0)
+        row = int(np.argmax(used))
+        found.append((used[row], row, worst[row]))
+    found = sorted(found, key=lambda one: -one[0])[:_EXACT]
+    equal = equal_sharing(cases.footing.contact_states(np.array([wrench for *_, wrench in found])))
+    assert equal is not None  # there are such feet
+    exact = np.nan_to_num(equal.GT, nan=np.inf)
+    k = int(np.argmax(exact))
+    return Margin(float(exact[k]), float(states.times[found[k][1]]))

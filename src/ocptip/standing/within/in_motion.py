@@ -123,8 +123,8 @@ class WithinTolerance:
         gap: the smallest distance; None without delays, or where nothing may collide.
         states: number of evaluated states.
         alike: see `ContactMargins.alike`, up to products of deviations.
-        alike_friction: share of the friction that equally compliant feet use, at least, along and about some
-            axes, up to products of deviations; 1 and more: they slip.
+        alike_friction: share of the friction that equally compliant feet use, at least, see
+            `friction_if_alike`; 1 and more: they slip.
         exact_springs: the arm has counterbalance springs, and nothing about them is uncertain.
         foot_force: minimum distance of a normal force from where its contact lets go, N, where equilibrium
             alone decides it: on three contacts.
