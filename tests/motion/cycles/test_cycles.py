@@ -404,7 +404,7 @@ def test_the_least_of_what_segments_tolerate(plan):
     ]
     for quantity, one in found.items():
         values = [row[quantity].value for row in rows]
-        assert one.value == (max(values) if quantity == "friction" else min(values))
+        assert one.value == (max(values) if quantity in ("friction", "foot_stiffness") else min(values))
         assert one.at_most or re.match(r"segment \w+: ", one.how)
 
 
