@@ -128,7 +128,7 @@ def test_limits_are_those_at_which_stand_changes(task):
     robot, q = task.robot, task.start
     paths = Manoeuvres.accelerations(kinds, robot.support.gravity)
     nominal = largest_manoeuvres(robot, q, paths)
-    found = largest_manoeuvres(robot, q, paths, ROUGH, nominal)
+    found = largest_manoeuvres(robot, q, paths, ROUGH, 0, nominal)
     cases = driving_case_of(robot, ROUGH)
     for kind, largest, worst in zip(kinds, nominal.largest, found.largest, strict=True):
         for share, holds in ((1 - 1e-4, True), (1 + 1e-4, False)):
@@ -141,7 +141,7 @@ def test_limits_are_those_at_which_stand_changes(task):
 def test_friction_within_the_uncertainty_does_not_depend_on_where_the_search_begins(task):
     paths = Manoeuvres.accelerations(around(12), task.robot.support.gravity)
     nominal = largest_manoeuvres(task.robot, task.start, paths)
-    from_nominal = largest_manoeuvres(task.robot, task.start, paths, WORKSHOP, nominal)
+    from_nominal = largest_manoeuvres(task.robot, task.start, paths, WORKSHOP, 0, nominal)
     anew = largest_manoeuvres(task.robot, task.start, paths, WORKSHOP)
     np.testing.assert_allclose(from_nominal.slip, anew.slip, rtol=1e-6)
     assert np.all(anew.largest < nominal.largest)

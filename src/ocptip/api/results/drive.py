@@ -173,21 +173,23 @@ class DriveEnvelope(SavedFolder):
         """Of manoeuvres whose accelerations set in and end at once."""
         more = self.counting.overshoot
         begun = self._largest(build(1 + more), self.counting, nominal)
-        return begun.lower(self._largest(build(-more), self.counting)) if more else begun
+        return begun.lower(self._largest(build(-more), self.counting, None, begun)) if more else begun
 
     def _largest(
-        self, manoeuvres: Manoeuvres, tolerance: Uncertainty = NONE, nominal: LargestManoeuvres | None = None
+        self, manoeuvres: Manoeuvres, tolerance: Uncertainty = NONE, *known: LargestManoeuvres | None
     ) -> LargestManoeuvres:
-        """At rest, or in the states of the motion that are worst for the nominal base."""
+        """At rest, or in the states of the motion that are worst for the nominal base.
+
+        `known`: the nominal result, and one above which nothing is searched, see `largest_manoeuvres`.
+        """
         if self.motion is None:
-            return largest_manoeuvres(self.robot, self.q, manoeuvres, tolerance, nominal, self.interface)
+            return largest_manoeuvres(self.robot, self.q, manoeuvres, tolerance, self.interface, *known)
         times, states = self._states
         number = worst_states(self.robot, states, manoeuvres, self.interface)
         count = number.shape[1]
-        if nominal is not None:
-            nominal = replace(nominal, normals=np.repeat(nominal.normals, count, axis=0))
-        sample = states[number.ravel()], manoeuvres.repeated(count), tolerance, nominal, self.interface
-        return largest_manoeuvres(self.robot, *sample).at_worst(times[number])
+        repeated = [one and one.repeated(count) for one in known]
+        sample = states[number.ravel()], manoeuvres.repeated(count), tolerance, self.interface
+        return largest_manoeuvres(self.robot, *sample, *repeated).at_worst(times[number])
 
     @cached_property
     def _states(self) -> tuple[np.ndarray, np.ndarray]:

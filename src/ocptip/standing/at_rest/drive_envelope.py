@@ -20,7 +20,13 @@ import numpy as np
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.contact.force_programs import LoadRays
 from ocptip.numerics.bisection import borders
-from ocptip.reserves.equal_compliance import equally_compliant, friction_differs, normal_map_of
+from ocptip.reserves.equal_compliance import (
+    ENOUGH,
+    equally_compliant,
+    friction_differs,
+    normal_map_of,
+    slides_beyond,
+)
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.manoeuvres import LARGEST, Manoeuvres
 from ocptip.standing.tolerance import NONE, Uncertainty
@@ -78,6 +84,11 @@ class LargestManoeuvres:
         least = {name: np.minimum(getattr(self, name), getattr(other, name)) for name in ("lift", "alike")}
         return replace(self, **parts, **least)
 
+    def repeated(self, count: int) -> LargestManoeuvres:
+        """Each manoeuvre so many times."""
+        parts = {name: value for name, value in vars(self).items() if value is not None}
+        return LargestManoeuvres(**{name: np.repeat(value, count, axis=0) for name, value in parts.items()})
+
     def at_worst(self, times: np.ndarray) -> LargestManoeuvres:
         """At the worst of K instants (P, K), s, of each manoeuvre; the present rows are at all of them."""
         rows = np.arange(len(times))
@@ -96,8 +107,9 @@ def largest_manoeuvres(
     q: np.ndarray,
     manoeuvres: Manoeuvres,
     tolerance: Uncertainty = NONE,
-    nominal: LargestManoeuvres | None = None,
     interface: int = 0,
+    nominal: LargestManoeuvres | None = None,
+    below: LargestManoeuvres | None = None,
 ) -> LargestManoeuvres:
     """Largest parameters with which the base keeps its contacts, for an arm at rest or in motion.
 
@@ -107,17 +119,19 @@ def largest_manoeuvres(
             accelerations, and a process that varies.
         manoeuvres: of the base.
         tolerance: of floor, base, arm and payload; deviations of a motion do not count.
-        nominal: the result without uncertainty, if it is known, from which the search begins.
         interface: of the robot's `interfaces`, whose contacts are kept instead; 0: the base.
+        nominal: the result without uncertainty, if it is known, from which the search begins.
+        below: limits, above which no parameter is searched.
 
     Raises:
         InputError: contacts that do not lie on one plane, or whose set of forces is not convex.
         SolverError: upper bounds that did not settle.
     """
     search = ManoeuvreSearch(robot, q, manoeuvres, tolerance, interface)
-    tip, contacts = search.tip()
+    tip, contacts = search.tip(below)
     lift = search.lift(tip)
-    slip, normals = search.slip(tip, nominal and nominal.normals)
+    most = tip if below is None else np.minimum(tip, below.slip)
+    slip, normals = search.slip(most, nominal and nominal.normals)
     return LargestManoeuvres(tip, contacts, lift, slip, normals, search.alike(lift, slip, normals))
 
 
@@ -168,7 +182,7 @@ class ManoeuvreSearch:
 
     # --- tip-over -----------------------------------------------------------------------------------------
 
-    def tip(self) -> tuple[np.ndarray, np.ndarray]:
+    def tip(self, below: LargestManoeuvres | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(P,) parameters up to which the base does not tip, and (P, 2) contacts of the axis, see
         `LargestManoeuvres`.
         """
@@ -178,7 +192,8 @@ class ManoeuvreSearch:
             return np.full(count, 0.0 if free else LARGEST), np.zeros((count, 2), dtype=int)
         affine = tip_over.affine_moments
         assert affine is not None  # the contacts lie on one plane
-        least, first = self._first(*affine, self._cases.reference)
+        most = np.full(count, LARGEST) if below is None else below.tip
+        least, first = self._first(*affine, self._cases.reference, most)
         pairs = np.array(tip_over.edges)
         return least, np.where(least[:, None] < LARGEST, pairs[first], 0)
 
@@ -189,21 +204,24 @@ class ManoeuvreSearch:
             unique = footing.slip.redistribution == "tangential"
             return tip if unique else np.full(len(tip), np.nan)
         size = float(np.linalg.norm(footing.support.weight))
-        return np.minimum(self._first(normals, np.zeros(len(normals)), size)[0], tip)
+        return self._first(normals, np.zeros(len(normals)), size, tip)[0]
 
-    def _first(self, slopes: np.ndarray, offsets: np.ndarray, unit: float) -> tuple[np.ndarray, np.ndarray]:
+    def _first(
+        self, slopes: np.ndarray, offsets: np.ndarray, unit: float, most: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """(P,) first parameters at which one of k affine functions of the wrench is negative, and which one.
 
         Args:
             slopes, offsets: (k, 6) and (k,).
             unit: of the functions; values of rounding count as zero.
+            most: (P,) upper bounds to begin with.
         """
         count, size = len(self._manoeuvres), len(slopes)
         which, row = np.repeat(np.arange(count), size), np.tile(np.arange(size), count)
-        bounds, todo = np.full(len(which), LARGEST), np.arange(len(which))
+        bounds, todo = np.repeat(most, size), np.arange(len(which))
         off = np.zeros((len(which), self.deviations.size))
         for _ in range(_ROUNDS):
-            polynomials = self.polynomials(which[todo], off[todo], bounds[todo] / 2)
+            polynomials = self.polynomials(which[todo], off[todo], np.maximum(bounds[todo], _STEP) / 2)
             coefficients = np.einsum("rkw,rw->rk", polynomials, slopes[row[todo]])
             coefficients[:, 0] += offsets[row[todo]]
             bounds[todo] = np.minimum(first_zero(coefficients), bounds[todo])
@@ -281,8 +299,12 @@ class ManoeuvreSearch:
             first: (P, 6) normals of half spaces, for which the first deviations are the worst.
             normal_map: (n, 6) normal forces, N, per wrench, if springs determine them.
         """
-        rays = LoadRays(self._cases.footing.support, normal_map)
-        facets = self._facets if normal_map is None else None
+        support, facets = self._cases.footing.support, self._facets
+        if normal_map is not None:
+            facets = slides_beyond(support, normal_map, ENOUGH, fine=True)
+        if facets is not None:
+            facets = facets / np.linalg.norm(facets, axis=1, keepdims=True)
+        rays = LoadRays(support, normal_map)
         values, todo = most.copy(), np.arange(len(most))
         off, held = np.zeros((len(most), self.deviations.size)), {}
         if first is not None:
@@ -294,10 +316,7 @@ class ManoeuvreSearch:
                 self._slips(rays, facets, polynomial, values[k], held)
                 for k, polynomial in zip(todo, polynomials, strict=True)
             ]
-            x, normals = (
-                np.array([polynomial for polynomial, _ in slips]),
-                np.array([polynomial for _, polynomial in slips]),
-            )
+            x, normals = map(np.array, zip(*slips, strict=True))
             off[todo], gain = self._worst_for(todo, x, off[todo], normals)
             stays[todo] = np.where(x < values[todo] * (1 - _CLOSE), 0, stays[todo] + 1)
             values[todo], limits[todo] = x, normals
@@ -319,18 +338,21 @@ class ManoeuvreSearch:
 
         With it, the normal (6,) of the half space that limits it. `held`: results for loads at x = 0.
         """
+
+        def inside(wrench: np.ndarray) -> bool:
+            return facets is not None and bool(np.all(facets @ wrench <= _CLOSE * np.linalg.norm(wrench)))
+
         start, slope, bend = coefficients
         key = start.tobytes()
         if key not in held:
-            inside = facets is not None and bool(np.all(facets @ start <= 0))
-            held[key] = (1.0, 0 * start) if inside else rays.farthest(0 * start, start)
+            held[key] = (1.0, 0 * start) if inside(start) else rays.farthest(0 * start, start)
         share, normal = held[key]
         if share < _HELD:
             return 0.0, normal
         x, straight = most, np.linalg.norm(bend) * most < _CLOSE * np.linalg.norm(slope)
         for _ in range(_ROUNDS):
             end = start + x * slope + x**2 * bend
-            share, normal = rays.farthest(start, end)
+            share, normal = (1.0, 0 * end) if inside(end) else rays.farthest(start, end)
             if share >= _HELD:  # no half space limits it: the deviations are worst that add to the change
                 return x, (end - start) / max(np.linalg.norm(end - start), 1e-300)
             if straight:
@@ -348,8 +370,7 @@ class ManoeuvreSearch:
         With them, (R,) by how much farther than the present ones do, relative to the load.
         """
         cases, s = self._moving(which, x)
-        deviations = cases.deviations
-        nominal = deviations.nominal(len(which))
+        deviations, nominal = cases.deviations, cases.deviations.nominal(len(which))
         size = np.linalg.norm(self._cases.footing.support.weight)
 
         def beyond(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
