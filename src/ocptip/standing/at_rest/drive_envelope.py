@@ -85,7 +85,7 @@ class LargestManoeuvres:
         return replace(self, **parts, **least)
 
     def repeated(self, count: int) -> LargestManoeuvres:
-        """Each manoeuvre so many times."""
+        """Each manoeuvre `count` times in a row."""
         parts = {name: value for name, value in vars(self).items() if value is not None}
         return LargestManoeuvres(**{name: np.repeat(value, count, axis=0) for name, value in parts.items()})
 
