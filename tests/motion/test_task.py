@@ -524,3 +524,18 @@ def test_a_payload_that_is_too_heavy_has_the_possible_one_beside_it():
     ends = (resting_posture(task, name).largest_payload(NONE) for name in ("start", "goal"))
     least = min(one.mass_kg for one in ends if one is not None)
     assert f"possible is a payload of {least:.3g} kg instead of 60 kg (" in str(error.value)
+
+
+def test_links_with_spheres_are_excluded_by_name_or_number(tmp_path):
+    """Messages name them, so that their words can be copied."""
+    (tmp_path / "two.urdf").write_text(TWO_JOINTS)
+    labels = []
+    for pair in ("[1, 2]", '["upper", "lower"]'):
+        text = URDF.replace("= 0.04", f"= 0.04\nexcluded_links = [{pair}]")
+        (tmp_path / "task.toml").write_text(text, encoding="utf-8")
+        labels.append([f"{label}" for label in load_task(tmp_path / "task.toml").robot.collision.labels])
+    assert labels[0] == labels[1]
+    wrong = URDF.replace("= 0.04", '= 0.04\nexcluded_links = [["upper", "payload"]]')
+    (tmp_path / "task.toml").write_text(wrong, encoding="utf-8")
+    with pytest.raises(InputError, match="expected two of the links upper, lower, or their numbers, got"):
+        load_task(tmp_path / "task.toml")

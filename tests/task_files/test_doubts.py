@@ -43,9 +43,10 @@ RADIANS = "-1.6, 1.4, -1.4, -1.57, 0.0]"
 ANGLES = (START.pattern, f"start_deg = [0.5, {RADIANS}\ngoal_deg = [-0.5, {RADIANS}")
 HALF_TURN = "\nangle_min_deg = -6.28\nangle_max_deg = 6.28"
 LIMITS = ("acceleration_deg_s2 = 800.0", f"acceleration_deg_s2 = 800.0{HALF_TURN}")
-FAR = (r"mount_position = \[0.0, 0.0, 0.75\]", "mount_position = [0.0, 0.0, 750]")
+FAR = (r"mount_position = \[0.0, 0.0, 0.75\]", "mount_position = [0.0, 0.0, 75]")
 TOOL = (r"rpy_deg = \[0, 90, 0\]", "rpy_deg = [0, 1.5708, 0]")
-WHEEL = (r"position = \[0.40, 0.33, 0.0\]", "position = [400, 330, 0.0]")
+WHEEL = (r"position = \[0.40, 0.33, 0.0\]", "position = [80, 66, 0.0]")
+IN_MM = (r"position = \[0.40, 0.33, 0.0\]", "position = [400, 330, 0.0]")
 LIGHT, HEAVY = ("mass = 35.0", "mass = 4.0"), ("mass = 1.0 ", "mass = 7.0 ")
 
 
@@ -62,7 +63,7 @@ LIGHT, HEAVY = ("mass = 35.0", "mass = 4.0"), ("mass = 1.0 ", "mass = 7.0 ")
             TOOL,
             r"task\[1\].rpy_deg: no angle is above 1.571 degrees; are they radians\?",
         ),
-        (read_scene, ROVER, WHEEL, r"contact\[1\].position: 400 m is far"),
+        (read_scene, ROVER, WHEEL, r"contact\[1\].position: 80 m is far"),
     ],
 )
 def test_what_is_hardly_meant_is_warned_of(tmp_path, read, source, change, said):
@@ -73,10 +74,18 @@ def test_what_is_hardly_meant_is_warned_of(tmp_path, read, source, change, said)
     assert str(found[0].message).startswith(f"{source.name}: ")
 
 
+def test_feet_in_millimetres_are_refused(tmp_path):
+    path = changed(tmp_path, ROVER, IN_MM)
+    with pytest.raises(
+        InputError, match=r"contact\[1\].position: 400 m is too far for a robot; .* not in mm"
+    ):
+        read_scene(path)
+
+
 @pytest.mark.parametrize(
     ("change", "doubted", "refused"),
     [
-        (FAR, "750 m is far", "cannot reach"),
+        (FAR, "75 m is far", "cannot reach"),
         (LIMITS, "arm.limits.angle_min_deg, arm.limits.angle_max_deg: no angle", "only beyond joint limits"),
     ],
 )

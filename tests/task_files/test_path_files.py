@@ -15,7 +15,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.motion import load_task
-from ocptip.task_files.path import GivenPath, load_path
+from ocptip.task_files.path import GivenPath, load_path, refuse_early
 from tests.places import EXAMPLES
 
 Q = "[[waypoint]]\nat_deg = [{}]\n"
@@ -130,3 +130,26 @@ def test_bad_files_are_refused(tmp_path: Path, text: str, complaint: str) -> Non
     with pytest.raises(InputError, match=complaint) as error:
         _load(tmp_path, text)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "complaint"),
+    [
+        ("a.csv", "q1,q2\n1,2\n", r"a\.csv: header: expected one column time_s, got q1, q2; points without"),
+        ("a.csv", "time_s,q1_deg\n0,1\nx,2\n", r"a\.csv: line 3, time_s: expected a number"),
+        ("a.csv", "time_s,q1_deg\n0,1\n1,2,3\n", r"a\.csv: line 3: expected 2 values"),
+        ("a.toml", 'between = "curves"\n[[waypoint]]\nat = [1]\n', r"a\.toml: between"),
+    ],
+)
+def test_what_needs_no_robot_is_refused_before_the_task_is_read(tmp_path, name, text, complaint):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=complaint):
+        refuse_early(tmp_path / name)
+
+
+def test_only_the_first_lines_of_a_table_are_read_before_the_task(tmp_path):
+    rows = "".join(f"{k},{k}\n" for k in range(40))
+    (tmp_path / "a.csv").write_text(f"time_s,q1_deg\n{rows}wrong,1\n")
+    refuse_early(tmp_path / "a.csv")
+    (tmp_path / "b.csv").write_text(rows)
+    refuse_early(tmp_path / "b.csv", {"time_s": 1, "q1_deg": 2})

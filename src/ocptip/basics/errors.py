@@ -163,7 +163,7 @@ def number_from(name: str, value: Any) -> float:
 
 
 FARTHEST = 50.0
-"""Lengths of a robot and its base above this, m, are taken for millimetres."""
+"""Lengths of a robot and its base above this, m, may be millimetres."""
 _ROUNDED = 0.99  # of the mass in a URDF: less than that is no rounding of two digits
 
 

@@ -88,6 +88,8 @@ class _Parser(argparse.ArgumentParser):
 def _near_option(word: str, parser: argparse.ArgumentParser) -> str:
     """The option that a wrong one may stand for, by its name, else by its help; "" if none is near."""
     helps = {one.option_strings[-1]: one.help or "" for one in parser._actions if one.option_strings}
+    if not _is_option(word) and "--task" in helps:
+        return "; a task file is given by --task TASK.toml"
     if near := did_you_mean(word, helps):
         return near
     name = re.escape(word.lstrip("-"))

@@ -40,7 +40,8 @@ def notes(checked: MotionCheck) -> list[str]:
     elif checked.within and checked.within.alike and checked.within.alike.value < 0:
         results.append(
             f"within the uncertainty an equally compliant foot may lift {checked.within.alike}. What helps: "
-            "accelerations that rise more slowly (--rise-time), or `stiffness` of the contacts where known"
+            "accelerations that rise more slowly (plan --rise-time, retime --jerk), or `stiffness` of the "
+            "contacts where known"
         )
     for name, held in checked.objects.items():
         if held.alike and held.alike.value < 0:

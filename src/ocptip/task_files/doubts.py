@@ -28,11 +28,13 @@ _LENGTHS = re.compile(  # of robot and base; the world may be large
     r"|(base|(segment\[\d+\]\.)?payload(\.\w+)?)\.shape(\[\d+\])?\.(position|size|radius|length)"
 )
 
+_IN_MM = 100.0  # m: no doubt
 _LIGHTEST_BASE = 0.25  # of the arm's mass; the published experiments had 0.42
 
 
 def doubt_units(data: Table) -> None:
-    """Warn of angles of a file that seem to be radians, and of lengths that seem to be millimetres.
+    """Warn of angles of a file that seem to be radians, and of lengths that seem to be millimetres; refuse
+    lengths that can be nothing else.
 
     To be called before the file is read: a wrong unit may well be why it is refused.
     """
@@ -41,6 +43,8 @@ def doubt_units(data: Table) -> None:
         table = {place: numbers for place, numbers in leaves.items() if re.fullmatch(pattern, place)}
         doubt_degrees(f"{data.file}: {', '.join(table)}", [x for numbers in table.values() for x in numbers])
     for place, numbers in leaves.items():
+        if _LENGTHS.fullmatch(place) and (farthest := max(map(abs, numbers), default=0.0)) > _IN_MM:
+            raise data.error(f"{farthest:.4g} m is too far for a robot; lengths are in m, not in mm", place)
         if _LENGTHS.fullmatch(place):
             doubt_metres(f"{data.file}: {place}", numbers)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ocptip.basics import schema
 from ocptip.basics.errors import InputError, naming, positive_number
+from ocptip.basics.read import read_text
 from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Table
 from ocptip.motion.cycles.check import segments_of
@@ -22,12 +23,14 @@ from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.task_files.doubts import require_kind
 from ocptip.task_files.tables.joints import end_keys, read_end
+from ocptip.trajectories.csv_text import text_table, times_of
 from ocptip.trajectories.drive_profile import POSE, UNITS
 from ocptip.trajectories.path_fit import FittedPath, blended_lines, path_of_motion, spline_through
 from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.tool_path import tool_lines
 from ocptip.trajectories.trajectory import Trajectory
 
+_FIRST = 20  # lines of a CSV file that are read before the task
 BETWEEN = ("spline", "lines", "tool lines")
 _WAYPOINT = Keys(
     "waypoint",
@@ -153,15 +156,28 @@ def joint_tolerance(task: Task, tolerance: float, with_base: bool = False) -> np
     return np.where(np.array(units) == "rad", np.deg2rad(tolerance), 1e-3 * tolerance)
 
 
-def refuse_early(path: str | os.PathLike[str]) -> None:
-    """Refuse a file of waypoints for what no robot is needed to see; other files are not checked.
+def refuse_early(path: str | os.PathLike[str], columns: Mapping[str, str | int] | None = None) -> None:
+    """Refuse a file for what no robot is needed to see, as its task may take long to read.
+
+    Checked are files of waypoints, and the first lines of CSV files; others are not.
+
+    Args:
+        path: of the file.
+        columns: of CSV files, see `ocptip.trajectories.read.load_motion`.
 
     Raises:
-        InputError: no such file, no TOML, unknown keys, or an unknown interpolation between waypoints.
+        InputError: no such file, no TOML, unknown keys, or an unknown interpolation between waypoints; no
+            table, or no column of times.
     """
-    if Path(path).suffix.lower() == ".toml":
+    suffix = Path(path).suffix.lower()
+    if suffix == ".toml":
         with Table.read(path, PATH) as data:
             _tables(data)
+    if suffix == ".csv":
+        with naming(f"{path}"):
+            table = text_table("\n".join(read_text(path).splitlines()[:_FIRST]), columns)
+            if table.header:
+                times_of(table)
 
 
 def _tables(data: Table) -> list[Table]:

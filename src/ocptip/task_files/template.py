@@ -249,6 +249,7 @@ def _geometry(missing: list[str] | None, broken: str, package_dirs: Sequence[str
         yield _line(
             _OF_URDF, "collision", "false", f"or add the missing files: {some(missing, 2)}", mark=True
         )
+        yield "# sphere_radius = 0.06  # m; instead of both: spheres along the links, so that they count"
 
 
 def _limits(arm: ArmModel) -> Iterator[str]:

@@ -310,7 +310,7 @@ def time_columns(header: Sequence[str]) -> TimeColumns:
     Raises:
         InputError: there is none, or several.
     """
-    results = [(k, match) for k, text in enumerate(header) if (match := _TIME.fullmatch(text))]
+    results, stamps = [(k, match) for k, text in enumerate(header) if (match := _TIME.fullmatch(text))], []
     exact = [pair for pair in results if header[pair[0]] == "time_s"]
     if len(exact or results) == 1:
         number, match = (exact or results)[0]
@@ -326,7 +326,8 @@ def time_columns(header: Sequence[str]) -> TimeColumns:
             return TimeColumns(pairs[0], None)
         if not pairs and len(stamps) == 1:
             return TimeColumns((stamps[0],), None)
-    raise InputError(f"header: expected one column time_s, got {', '.join(header)}")
+    none = "" if results or stamps else "; points without times are [[waypoint]] of a TOML file"
+    raise InputError(f"header: expected one column time_s, got {', '.join(header)}{none}")
 
 
 def times_of(table: TextTable) -> tuple[np.ndarray, TimeColumns]:

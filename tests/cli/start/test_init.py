@@ -158,6 +158,9 @@ def test_missing_meshes_are_said(tmp_path, monkeypatch, capsys, meshes, mark, ke
     Path("ur5_with_collision.toml").write_text(text.replace(MARK, ""))
     if mark == "collision":
         assert load_task("ur5_with_collision.toml").robot.arm.geometry is None
+        spheres = text.replace(MARK, "").replace("# sphere_radius", "sphere_radius")
+        Path("ur5_with_collision.toml").write_text(spheres)
+        assert load_task("ur5_with_collision.toml").robot.arm.sphere_sets
     else:
         with pytest.raises(InputError, match=r"arm\.urdf: .*no mesh file 'package://elsewhere/upper"):
             load_task("ur5_with_collision.toml")

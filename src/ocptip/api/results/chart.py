@@ -181,6 +181,7 @@ class LoadChart(SavedFolder):
         """What the chart is about, in words: motion, uncertainty, samples, seed."""
         tolerance = self.limits.tolerance
         within = f"within {tolerance.scope}" if tolerance.given else "nominal model only"
+        within += f", in place of {self.raised.replaces}" if self.raised.replaces else ""
         return f"{self.motion}, {within}, {len(self.q)} of {self.drawn[0]} postures, seed {self.drawn[1]}"
 
     @property

@@ -36,7 +36,7 @@ _ROUNDING = 1e-9  # rad or m: a path that is no farther off passes through its p
 def run(options: Namespace) -> Report:
     """Time the path; one that cannot be timed is bad input, and the message says where and why."""
     read_gate(options)
-    refuse_early(options.motion)  # the task may have to be compiled first
+    refuse_early(options.motion, read_columns(options.columns))
     names = "seconds base drive_profile base_limits controller rate jerk max_duration"
     with naming_options(*typed(options, *names.split())):
         asked = options.case or options.task
@@ -72,7 +72,10 @@ class RetimeReport(PlanReport):
         slower = run / sum(one.timed.motion.end / one.timed.slower for one in timings)
         if slower >= _WORTH_SAYING:
             kind += f", then {100 * (slower - 1):.1f} % slower, so that all limits hold"
-        motion = f"Motion  {checked.duration:.3f} s ({kind}{given})   {quantity(checked.energy, 'J')}"
+        smooth = all(one.timed.jerk is not None for one in timings)
+        steps = "no acceleration steps" if smooth else "accelerations step"
+        energy = quantity(checked.energy, "J")
+        motion = f"Motion  {checked.duration:.3f} s ({kind}{given})   {energy}   {steps}"
         paths = wrapped("Path", [text for title, text in self.details() if title == "path"])
         slowed = wrapped("Slowed", [text for timing in timings if (text := slowed_text(timing))])
         return [self.headline, motion, *paths, *slowed]

@@ -36,6 +36,7 @@ from ocptip.motion.violations import RESULT_TITLES, result_title, result_unit
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.option_files import read_columns
+from ocptip.task_files.path import refuse_early
 from ocptip.trajectories.bags import require_new
 from ocptip.trajectories.points import PEAK_TOLERANCE, Fit
 
@@ -50,6 +51,7 @@ def run(options: Namespace) -> CheckReport:
     if Path(options.motion).suffix == ".toml":
         raise InputError("is a task or a path, no motion", "", options.motion)
     read_gate(options)
+    refuse_early(options.motion, read_columns(options.columns))
     if options.bag:
         with naming("--bag"):
             require_new(options.bag)

@@ -55,6 +55,7 @@ class Raised:
         robot: whose limits count.
         arms: at level zero, and at level one as far as torques of motion depend on it.
         most: the largest level that is tried by default.
+        replaces: what of the robot levels stand for, in words; empty: they come on top.
     """
 
     name: ClassVar[str]
@@ -65,6 +66,7 @@ class Raised:
     reference_slope: float = 0.0
     title: str
     most: float
+    replaces: str = ""
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.arms = robot, (robot.arm, robot.arm)
@@ -118,6 +120,7 @@ class RaisedPayload(Raised):
         self.robot = robot.varied(arm=robot.arm.with_payload(Payload(1.0, centre)))
         self.arms = robot.arm.with_payload(None), self.robot.arm
         rated = robot.payload.mass if robot.payload else None
+        self.replaces = f"the task's {rated:g} kg" if rated else ""
         self.most = 10.0 * rated if rated else robot.mass
         if robot.argument("reference_moment") is None:  # the default counts the weight of everything
             self.reference_slope = (self.robot.tip_over.reference_moment or 0.0) / self.robot.mass

@@ -93,10 +93,11 @@ class ClearanceLimit(AskedLimit):
         if not texts:
             return ""
         pairs = list(dict.fromkeys(pairs))[:_MOST]
-        meant = f" = [{', '.join(pairs)}] in [arm]" if pairs else ""
-        return (
-            f"{'; '.join(texts)}{''.join(dict.fromkeys(hints))}; where that is meant: excluded_links{meant}"
-        )
+        if pairs:
+            hints.append(f"; where that is meant: excluded_links = [{', '.join(pairs)}] in [arm]")
+        else:  # only links may be excluded
+            hints.append("; change the postures, or place and size of the solids")
+        return f"{'; '.join(texts)}{''.join(dict.fromkeys(hints))}"
 
     def _near_pairs(self, robot: StandingMechanism, q: np.ndarray) -> dict[str, tuple[GapLabel, float]]:
         """Pairs nearer than allowed at q (n,) with the distance (m), by their names; the nearest first."""

@@ -104,7 +104,7 @@ SPHERES = {
         otherwise="collision geometry of the URDF",
     ),
     "excluded_links": schema.anything(
-        "Pairs of links that may touch; a link and `floor`; with `sphere_radius` numbers of links.",
+        "Pairs of links that may touch; a link and `floor`; with `sphere_radius` names or numbers of links.",
         "list of pairs",
         {"type": "array"},
         default=[],
@@ -251,12 +251,14 @@ def with_spheres(arm: ArmModel, table: Table, link_names: Sequence[str]) -> ArmM
             for i in links
             for spheres in spheres_along_links(arm, radii[i - 1], links=[i])
         ]
-    names = {spheres.link: spheres.name for spheres in sets}
+    numbers = {known: spheres.link for spheres in sets for known in (spheres.link, spheres.name)}
     if not isinstance(excluded, list):
         raise table.error(f"expected pairs of links, got {excluded!r}", where)
     for pair in excluded:
-        if not isinstance(pair, list) or len(pair) != 2 or not all(i in list(names) for i in pair):
-            raise table.error(f"expected two of the links {', '.join(map(str, names))}, got {pair!r}", where)
-    given = [(names[a], names[b]) for a, b in excluded]
+        if not isinstance(pair, list) or len(pair) != 2 or not all(one in list(numbers) for one in pair):
+            known = ", ".join(dict.fromkeys(spheres.name for spheres in sets))
+            raise table.error(f"expected two of the links {known}, or their numbers, got {pair!r}", where)
+    names = {spheres.link: spheres.name for spheres in sets}
+    given = [(names[numbers[a]], names[numbers[b]]) for a, b in excluded]
     arm = arm.with_spheres(sets, excluded_pairs=given)
     return arm.with_spheres(sets, excluded_pairs=[*given, *never_part(arm)])
