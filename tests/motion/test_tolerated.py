@@ -17,7 +17,7 @@ from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.load_cases import contact_test
-from ocptip.standing.at_rest.loss_search import beyond
+from ocptip.standing.at_rest.loss_search import SLIPS_ALIKE, beyond
 from ocptip.standing.limits import Limits
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.trajectory import Trajectory
@@ -305,6 +305,9 @@ def test_the_short_lines_say_what_they_leave_out_and_where_the_search_ends():
     assert "delay >= 100 ms" in capped[1]
     assert capped[-3].endswith("until a contact is lost; >= : not searched further;")
     assert max(map(len, capped)) <= 80
+    slips = dataclasses.replace(rows[0], how=SLIPS_ALIKE)
+    both = robustness_lines([slips, rows[2], Tolerated("delay", 100.0, "ms", True, np.nan, "")])
+    assert max(map(len, both)) <= 80
     lost = robustness_lines([dataclasses.replace(rows[0], value=0.0, how="tips about contacts 1 and 4 " * 3)])
     assert lost[0].startswith("Robust to nothing: ")
     assert max(map(len, lost)) <= 80

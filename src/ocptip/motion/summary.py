@@ -278,7 +278,8 @@ def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
             lines.append(part)
     capped = [one for one in tolerated if one.at_most and one.quantity not in ("friction", "foot_stiffness")]
     slips = ", or equally compliant feet slip" if any(SLIPS_ALIKE in one.how for one in tolerated) else ""
-    lines.append(f"until a contact is lost{slips}{'; >= : not searched further' if capped else ''};")
+    until = f"until a contact is lost{slips}{'; >= : not searched further' if capped else ''};"
+    lines += textwrap.wrap(until, width)
     if any(one.quantity == "foot_stiffness" for one in tolerated):
         lines.append("foot stiffness: on equal feet of it none lifts;")
     torques = "other torques" if any(one.drives is not None for one in tolerated) else "torques"

@@ -20,7 +20,7 @@ from ocptip.robots.urdf.collision import PACKAGE, geometry_from_urdf, missing_me
 from ocptip.robots.urdf.file import UrdfFile, like_tools, read_urdf
 from ocptip.robots.urdf.ground_contacts import GroundContact
 from ocptip.robots.urdf.joint_limits import named_states, with_joint_limits
-from ocptip.robots.urdf.sanity import ImpossibleLinksError
+from ocptip.robots.urdf.sanity import ImpossibleLinksError, doubt_speeds
 from ocptip.standing.limits import LIMIT_KEYS
 from ocptip.task_files.example import ExampleBase, ExampleMotion, example_base, example_motion
 from ocptip.task_files.tables.arm import ARM, ARM_LIMITS
@@ -102,6 +102,7 @@ def task_template(
     arm = replace(arm, states={} if srdf is None else named_states(srdf)).with_notes(*notes)
     rotors = np.array([(armature or {}).get(name, 0.0) for name in arm.joint_names])
     arm = replace(arm, armature=np.where(rotors > 0, rotors, arm.armature))
+    doubt_speeds(arm)
     missing = missing_meshes(urdf, package_dirs)
     geometry, broken = None, ""
     try:

@@ -10,7 +10,7 @@ from ocptip.basics.errors import InputError, InputWarning
 from ocptip.published.arms import arm_by_name
 from ocptip.robots.payload import Payload
 from ocptip.robots.urdf.arm import arm_from_urdf
-from ocptip.robots.urdf.sanity import doubt_arm, refuse_impossible_links
+from ocptip.robots.urdf.sanity import doubt_arm, doubt_speeds, refuse_impossible_links
 from tests.places import UR5
 
 NAMES = {"base_link": "base_link", "tool_frame": "tool0"}
@@ -124,3 +124,13 @@ def test_millimetres_are_warned_of(tmp_path):
     path.write_text(re.sub(r'(?<=<origin )xyz="([^"]+)"', times_thousand, text), encoding="utf-8")
     with pytest.warns(InputWarning, match="are these millimetres"):
         arm_from_urdf(path, **NAMES)
+
+
+def test_speeds_that_are_no_limits_are_warned_of():
+    """Files that know none have 1000 rad/s, with which plans throw the arm about."""
+    arm = arm_from_urdf(UR5, **NAMES)
+    doubt_speeds(arm)
+    speeds = np.where(np.arange(6) < 2, 1000.0, arm.limits.speed)
+    fast = "shoulder_pan_joint, shoulder_lift_joint may turn"
+    with pytest.warns(InputWarning, match=rf"{fast} with up to 5.73e\+04 deg/s, which no real joint does"):
+        doubt_speeds(arm.with_limits(speed=speeds))

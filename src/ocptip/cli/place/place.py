@@ -32,6 +32,7 @@ from ocptip.task_files.placement import load_placement
 _MEANING = {"GN": "tipping margin", "GT": "friction used", "GK": "process force", "GE": "power at rest"}
 _LIMITED = {"GN": "tipping margin", "GT": "friction used", "bounds": "place"}
 _MOST_VIOLATED = 6
+_DECIMALS = 6  # of per cent: less is rounding
 
 
 def run(options: Namespace) -> Report:
@@ -121,7 +122,7 @@ def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
     lines = []
     if best.active:
         names = [f"{_LIMITED.get(m.kind, m.kind)} {m.full_name}" for m in best.active]
-        lines.append(("at limit", "; ".join(names)))
+        lines.append(("at limit", "; ".join(dict.fromkeys(names))))  # a pair in several tasks
     if any(margin.kind == JointAngles.kind for margin in best.active):
         lines.append(("", "angle_margin_deg in [limits] keeps turning joints away from their limits"))
     for number, other in enumerate(result.places[1:], 2):
@@ -196,7 +197,7 @@ def _value(name: str, placement: Placement) -> str:
     if name == "GN" and reference and 0 < value < 1:
         return quantity(moment_at(value, reference), "N m", 3)
     if name == "GT" and value <= 1:
-        return quantity(100 * value, "%", 3)
+        return quantity(round(100 * value, _DECIMALS), "%", 3)
     if name == "GK":
         return f"{quantity(100 * value, '%', 3)} of the maximum"
     unit = placement.problem.energy.unit if name == "GE" else ""
@@ -235,6 +236,6 @@ def _limit_cells(margin: PlacementMargin, moment: float | None) -> list[str]:
     if margin.kind == "GN" and moment and 0 < value < 1:
         value, limit, unit, sign = moment_at(value, moment), moment_at(limit, moment), "N m", ">="
     if margin.kind == "GT" and value <= 1:
-        value, limit, unit = 100 * value, 100 * limit, "%"
+        value, limit, unit = round(100 * value, _DECIMALS), 100 * limit, "%"
     shown, bound = quantity(value, unit, 4).rstrip(), f"{sign} {limit:.4g}"
     return [_LIMITED.get(margin.kind, margin.kind), shown, "at limit" if margin.active else bound]

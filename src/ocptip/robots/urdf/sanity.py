@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from ocptip.basics.errors import FARTHEST, InputError, doubt, doubt_metres
-from ocptip.basics.text import did_you_mean
+from ocptip.basics.text import did_you_mean, some
 from ocptip.numerics.inertia import ROUNDED, why_impossible
 from ocptip.robots.model import ArmModel
 
@@ -17,6 +17,10 @@ LIGHTEST = 1.5
 
 HEAVIEST = 1500.0
 """Largest plausible mass per squared length of its chain, kg/m^2: an arm of a PR2 has 41, in grams 41000."""
+
+
+FASTEST = 50.0
+"""Largest plausible speed of a turning joint, rad/s; small servos reach 10."""
 
 
 class ImpossibleLinksError(InputError):
@@ -93,3 +97,11 @@ def doubt_arm(arm: ArmModel) -> None:
         doubt(f"{what} are less than any known arm has; check the masses in the URDF")
     if mass > HEAVIEST * length**2:
         doubt(f"{what} are more than any known arm has; are they grams?")
+
+
+def doubt_speeds(arm: ArmModel) -> None:
+    """Warn of speed limits that no real joint reaches: files that know none have 1000 rad/s."""
+    speeds = np.where(arm.prismatic | np.isinf(arm.limits.speed), 0.0, arm.limits.speed)
+    if fast := [arm.joint_names[j] for j in np.flatnonzero(speeds > FASTEST)]:
+        most = f"{some(fast)} may turn with up to {np.degrees(speeds.max()):.3g} deg/s"
+        doubt(f"arm {arm.name!r}: {most}, which no real joint does; give speed_deg_s in [arm.limits]")

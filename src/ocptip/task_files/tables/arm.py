@@ -25,6 +25,7 @@ from ocptip.robots.urdf.collision import collision_meshes, geometry_from_urdf
 from ocptip.robots.urdf.file import read_urdf
 from ocptip.robots.urdf.joint_limits import named_states, with_joint_limits
 from ocptip.robots.urdf.resting import resting_body
+from ocptip.robots.urdf.sanity import doubt_speeds
 from ocptip.task_files.tables.joints import (
     FOLLOWS,
     LOCKED,
@@ -340,7 +341,9 @@ def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
             indices = np.flatnonzero(arm.prismatic == slides)[np.isfinite(given)]
             values[name][indices] = given[np.isfinite(given)]
     table.close()
-    return arm.with_limits(**values).with_usual_accelerations("the file")
+    arm = arm.with_limits(**values).with_usual_accelerations("the file")
+    doubt_speeds(arm)
+    return arm
 
 
 def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
