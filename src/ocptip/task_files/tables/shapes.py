@@ -104,7 +104,7 @@ SPHERES = {
         otherwise="collision geometry of the URDF",
     ),
     "excluded_links": schema.anything(
-        "Pairs of links that may touch; a link and `floor`; with `sphere_radius` names or numbers of links.",
+        "Pairs of links that may touch, by name, or a link and `floor`.",
         "list of pairs",
         {"type": "array"},
         default=[],
