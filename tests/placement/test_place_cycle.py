@@ -36,12 +36,16 @@ def test_ranked_by_objective_and_refusals_last(monkeypatch, objective, order):
             raise found
         return found
 
-    monkeypatch.setattr(for_cycle, "place", lambda *a, **k: SimpleNamespace(places=places, placements=places))
+    static, problem = (
+        SimpleNamespace(places=places, placements=places, problem=None),
+        SimpleNamespace(if_alike=None),
+    )
+    monkeypatch.setattr(for_cycle, "place", lambda *a, **k: static)
     monkeypatch.setattr(for_cycle, "plan_motion", plan)
     proved = []
     monkeypatch.setattr(for_cycle, "proved", lambda one, prove: proved.append(one) or one)
     said = []
-    found = for_cycle.place_for_cycle(None, lambda placement: placement, progress=said.append)
+    found = for_cycle.place_for_cycle(problem, lambda placement: placement, progress=said.append)
     assert proved == [found.best.plan]  # certificates of what is kept only
     assert [one.placement.number for one in found.ranked] == order
     assert found.ranked[-1].refusal == "segment 2: no"

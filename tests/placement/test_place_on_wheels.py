@@ -7,11 +7,14 @@ import pytest
 
 import ocptip
 from ocptip.api.place import Placed
+from ocptip.basics.errors import InputError
 from ocptip.cli.place.place import PlaceReport
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.placement import for_cycle
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.power import TorqueCost
 from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem, Weights
-from ocptip.placement.result import PlacementResult, evaluate_placement
+from ocptip.placement.result import NoPlacementError, Placement, PlacementResult, evaluate_placement
 from ocptip.placement.terrain import plane
 from ocptip.placement.within import placement_within
 from ocptip.robots.kinematics import gripper_pose
@@ -86,3 +89,23 @@ def test_the_search_keeps_the_limit_with_equally_compliant_wheels_where_it_can(s
         assert alike == pytest.approx(use, rel=1e-3)
         assert best == pytest.approx(use / 3, rel=1e-3)
     assert placed.to_dict()["equally_compliant"] is rated
+
+
+@pytest.mark.parametrize("found", [True, False])
+def test_places_for_a_cycle_are_rated_with_equally_compliant_wheels_first(found, monkeypatch):
+    asked = []
+
+    def place(problem: PlacementProblem, **_: object) -> PlacementResult:
+        asked.append(problem.alike)
+        placement = evaluate_placement(Evaluator(problem), 0, np.zeros(3), Q[None])
+        if found == problem.alike:
+            return PlacementResult(problem, (placement,), (), 1, 1, 0, 0.0)
+        raise NoPlacementError("slips", placement)
+
+    def refused(placement: Placement) -> CycleTask:
+        raise InputError("no posture")
+
+    monkeypatch.setattr(for_cycle, "place", place)
+    result = for_cycle.place_for_cycle(on_slope(0.15), refused, candidates=1)
+    assert asked == ([True] if found else [True, False])
+    assert result.best.placement.problem.alike is found

@@ -19,7 +19,12 @@ from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
 from ocptip.placement.problem import PlacementProblem
-from ocptip.placement.result import Placement, PlacementResult, evaluate_placement
+from ocptip.placement.result import (
+    NoPlacementError,
+    Placement,
+    PlacementResult,
+    evaluate_placement,
+)
 from ocptip.placement.search import starts as sampling
 
 _SAMPLES = 2000
@@ -125,9 +130,15 @@ def place_for_cycle(
         whole_number(name, value, 1)
     say = progress or (lambda text: None)
     say("searching for placements ...")
-    static = place(problem, starts=placement_starts, seed=seed, keep=candidates)
+    at_rest: dict[str, Any] = {"starts": placement_starts, "seed": seed, "keep": candidates}
+    try:
+        static = place(problem.if_alike or problem, **at_rest)
+    except NoPlacementError:
+        if problem.if_alike is None:
+            raise
+        static = place(problem, **at_rest)  # another sharing of the load may hold the base
     places = [(placement, False) for placement in static.places[:candidates]]
-    places += [(p, True) for p in sampled_places(problem, static, candidates - len(places), seed)]
+    places += [(p, True) for p in sampled_places(static.problem, static, candidates - len(places), seed)]
     results = []
     for number, (placement, sampled) in enumerate(places, 1):
         say(f"planning the cycle at place {number} of {len(places)} ...")
