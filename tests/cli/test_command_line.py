@@ -57,6 +57,10 @@ def test_options_leave_positional_arguments_alone(line, expected):
             "unrecognized arguments: --start; did you mean '--starts'? (see ocptip plan --help)",
         ),
         (
+            "plan A --uncertainty none",
+            "unrecognized arguments: --uncertainty; did you mean '--tolerance'? (see ocptip plan --help)",
+        ),
+        (
             "view --gif x.gif A",
             "unrecognized arguments: --gif; did you mean '--movie'? (see ocptip view --help)",
         ),

@@ -93,8 +93,9 @@ def _near_option(word: str, parser: argparse.ArgumentParser) -> str:
     if near := did_you_mean(word, helps):
         return near
     name = re.escape(word.lstrip("-"))
-    about = [option for option, text in helps.items() if re.search(rf"\b{name}\b", text, re.IGNORECASE)]
-    return f"; did you mean {about[0]!r}?" if name and about else ""
+    found = {option: re.search(rf"\b{name}\b", text, re.IGNORECASE) for option, text in helps.items()}
+    about = {option: match.start() for option, match in found.items() if match}
+    return f"; did you mean {min(about, key=about.__getitem__)!r}?" if name and about else ""
 
 
 def _is_option(word: str) -> bool:
