@@ -90,12 +90,13 @@ def _near_option(word: str, parser: argparse.ArgumentParser) -> str:
     helps = {one.option_strings[-1]: one.help or "" for one in parser._actions if one.option_strings}
     if not _is_option(word) and "--task" in helps:
         return "; a task file is given by --task TASK.toml"
-    if near := did_you_mean(word, helps):
-        return near
-    name = re.escape(word.lstrip("-"))
+    if not (name := re.escape(word.lstrip("-"))):
+        return ""
     found = {option: re.search(rf"\b{name}\b", text, re.IGNORECASE) for option, text in helps.items()}
     about = {option: match.start() for option, match in found.items() if match}
-    return f"; did you mean {min(about, key=about.__getitem__)!r}?" if name and about else ""
+    if 0 not in about.values() and (near := did_you_mean(word, helps)):
+        return near
+    return f"; did you mean {min(about, key=about.__getitem__)!r}?" if about else ""
 
 
 def _is_option(word: str) -> bool:
