@@ -202,6 +202,8 @@ def test_a_motion_that_does_not_fit_start_and_goal_is_noted(capsys, plan, tmp_pa
         (["{plan}", "--time-scale", "1e300"], "--time-scale: must be between 1e-06 and 1e+06"),
         (["{huge}", "--case", "A"], "huge.json: commands[1][1].phi_e: magnitudes above 1e+12 (SI units)"),
         (["{plan}", "--time-scale", "1", "-2"], "--time-scale: must be > 0"),
+        (["{plan}", "--deceleration", "50%"], "--deceleration: is of cancels; add --stops cancel"),
+        (["{plan}", "--stops", "path", "--reaction", "8"], "--reaction: is of cancels; add --stops cancel"),
     ],
 )
 def test_bad_input_is_exit_code_2_in_one_line(capsys, plan, tmp_path, arguments, expected):

@@ -26,11 +26,13 @@ from ocptip.cli.options import (
     naming_options,
     read_gate,
     taken,
+    typed,
     with_cancel,
 )
 from ocptip.cli.terminal import Progress
 from ocptip.cli.verify.stand import check_plot_target
 from ocptip.motion.check import MotionCheck
+from ocptip.motion.stops.rules import SCENARIOS
 from ocptip.motion.summary import motion_line
 from ocptip.motion.violations import RESULT_TITLES, result_title, result_unit
 from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN
@@ -61,7 +63,12 @@ def run(options: Namespace) -> CheckReport:
         "base", "step", "time_scale", "rate", "rise_time", "sensitivities", "design", "topic", "drive_profile"
     ):
         task, _ = task_of_motion(options.motion, options.case or options.task, options.base)
-        task = with_cancel(load_task(task, **given_limits(options)), options)
+        task = load_task(task, **given_limits(options))
+        asked = options.stops is not None and "cancel" in SCENARIOS[options.stops]
+        if not asked and not any(segment.task.limits.cancel for segment in task.segments):
+            for name in typed(options, "deceleration", "reaction", "base_deceleration"):
+                raise InputError("is of cancels; add --stops cancel", f"--{name.replace('_', '-')}")
+        task = with_cancel(task, options)
         with Progress(sys.stderr, "reading the motion ...", what="instants") as progress:
             same = "drive_profile step time_scale stops sensitivities design rise_time unit rate topic"
             how = {"columns": read_columns(options.columns), "stage": progress.stage, "progress": progress}
