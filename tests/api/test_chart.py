@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import ocptip
+from ocptip.cli.layout import headline_of
 from ocptip.cli.main import main
 from ocptip.pictures.frame import png
 from ocptip.pictures.load_chart import chart_figure
@@ -109,7 +110,7 @@ def test_text_files_and_json(tmp_path, capsys):
     arguments = ["chart", str(TASK), "--samples", "60", "--out", str(folder)]
     assert main(arguments) == 0
     text = capsys.readouterr().out
-    head, *lines = text.splitlines()
+    head, lines = headline_of(text), text.splitlines()
     assert head.startswith(
         "kit arm on a tripod   LOAD CHART, at rest, within 'workshop' uncertainty (default)"
     )

@@ -3,6 +3,7 @@
 import io
 import time
 
+from ocptip.cli.layout import headline_of, headlines
 from ocptip.cli.terminal import Progress, lines_while
 
 
@@ -38,3 +39,15 @@ def test_nothing_is_written_where_nothing_is_shown_and_on_terminals():
         time.sleep(0.1)
     assert stream.getvalue() == ""
     assert terminal.getvalue() == ""
+
+
+def test_headlines_keep_80_columns():
+    head = "cart   LOAD CHART, at rest, within 'workshop' uncertainty (default), in place of the task's 5 kg."
+    first, second = headlines(head)
+    assert len(first) <= 80
+    assert second.startswith("        ")
+    assert f"{first} {second.strip()}" == head
+    table = "              nominal  worst case"
+    for below in ("Motion  1.5 s", "", table, "margin  3"):
+        assert headline_of("\n".join([first, second, below])) == head
+        assert headline_of("\n".join(["PROVED", below])) == "PROVED"

@@ -197,6 +197,8 @@ def test_the_worst_case_is_dashed_and_its_minimum_is_that_of_the_check():
     times, nominal = curve(figure, "tipping")
     assert (y <= np.interp(x, times, nominal) + 0.2).all()
     assert f"worst case {at_text(row, row.worst_case)}" in panel(figure, "tipping").get_title("left")
+    assert "worst case, at its worst" not in legend(panel(figure, "tipping"))  # it has a curve
+    assert "worst case, at its worst" in legend(panel(figure, "friction"))
     assert figure.get_suptitle().splitlines()[0].endswith(": what the ground feels")
     assert figure.get_suptitle().splitlines()[1].startswith("CHECKED at samples for 'workshop' uncertainty")
 

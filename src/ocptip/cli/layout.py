@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import re
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.basics.text import quantity, ratio, table, wrapped
+from ocptip.basics.text import WIDTH, quantity, ratio, table, wrapped
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
     from ocptip.motion.check import MotionCheck
@@ -39,6 +41,21 @@ def named(lines: Sequence[tuple[str, str]], least: int = 0) -> list[str]:
     """Lines of names and texts, the texts below each other, names at least so wide."""
     width = max((least, *(len(name) for name, _ in lines)))
     return [f"{name:<{width}}  {text}" for name, text in lines]
+
+
+def headlines(head: str) -> list[str]:
+    """The first line of an answer, broken at 80 columns."""
+    return textwrap.wrap(head, WIDTH, subsequent_indent=" " * 8, break_on_hyphens=False)
+
+
+def headline_of(text: str) -> str:
+    """The headline of an answer as one line, see `headlines`."""
+    first, *rest = text.split("\n")
+    return " ".join([first, *(line.strip() for line in takewhile(_goes_on, rest))])
+
+
+def _goes_on(line: str) -> bool:
+    return line[:8].isspace() and not line[8:9].isspace()
 
 
 def fitted(lines: Sequence[tuple[str, str]]) -> list[str]:

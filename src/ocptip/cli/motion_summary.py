@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 
-from ocptip.basics.text import WIDTH, percent, some, table, wrapped
-from ocptip.cli.layout import brief_notes, changes_table, files_lines, segment_rows, stop_table, under
+from ocptip.basics.text import percent, some, table, wrapped
+from ocptip.cli.layout import (
+    brief_notes,
+    changes_table,
+    files_lines,
+    headlines,
+    segment_rows,
+    stop_table,
+    under,
+)
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops.cancels import SafeDecelerations, in_all
 from ocptip.motion.stops.check import Stops
@@ -129,7 +136,7 @@ def motion_text(
     widest = max((len(name) for name, _ in details), default=0) + 2
     parts = [
         [
-            *textwrap.wrap(head[0], WIDTH, subsequent_indent=" " * 8, break_on_hyphens=False),
+            *headlines(head[0]),
             *head[1:],
             *wrapped("Missing", filter(None, [checked_motion.unproved])),
             *wrapped("Broken", checked_motion.broken),

@@ -14,6 +14,7 @@ from typing import Any
 from ocptip.basics.errors import InputWarning, naming
 from ocptip.basics.outputs import require_replaceable_file
 from ocptip.cli.command import Command, Report, explained, require_files, say
+from ocptip.cli.layout import headline_of
 from ocptip.cli.terminal import coloured, latest, lines_while
 from ocptip.numerics.fork_server import cores, prepare_workers
 from ocptip.numerics.threads import one_thread
@@ -42,7 +43,7 @@ def run(command: Command, options: argparse.Namespace, own_process: bool) -> int
         failure = written(report)
     text = report.to_json() if options.json else report.to_text()
     if options.quiet and not options.json:
-        text = "\n".join([text.split("\n", 1)[0], *report.unmet])
+        text = "\n".join([headline_of(text), *report.unmet])
     if rest := text.removeprefix(answer).removeprefix("\n"):
         _print(rest)
     return report.exit_code if failure is None else say(*explained(failure))

@@ -33,6 +33,7 @@ _WIDTH = 10.5  # inches
 _SKETCHES, _PANEL = 2.5, 1.95  # inches high
 _SAME = 1e-3  # s: postures no farther apart are one
 
+_WORST, _WORST_INSTANT = "worst case", "worst case, at its worst"
 _MARKS = {"-nominal": "ring: worst instant, nominal", "-worst-instant": "diamond: in the worst case"}
 _EVENTS = "faint vertical lines: switching times of joints"
 
@@ -209,7 +210,7 @@ def _tipping(ax: Any, curves: PlanCurves) -> None:
     _line(ax, curves, quantity, curves.moments(curves.samples), "nominal", "tipping")
     if len(curves.worst_moments[0]):
         line_style = {"color": quantity.color, **style.WORST_CASE}
-        ax.plot(*curves.worst_moments, **line_style, label="worst case", gid="tipping-worst-case")
+        ax.plot(*curves.worst_moments, **line_style, label=_WORST, gid="tipping-worst-case")
     _reference(ax, curves, quantity, curves.moments)
     _marks(ax, curves, quantity, row)
     reference = curves.plan.task.robot.tip_over.reference_moment
@@ -364,14 +365,16 @@ def _reference(
 
 
 def _marks(ax: Any, curves: PlanCurves, quantity: Quantity, row: MotionMargin, sign: float = 1.0) -> None:
-    """Rings at the worst instant, diamonds at that of the worst case."""
+    """Rings at the worst instant, diamonds at that of the worst case, named where they have no curve."""
+    alone = not any(line.get_label() == _WORST for line in ax.lines)
     for index, line_style, word in (
         (row.nominal, style.RING, "nominal"),
         (row.worst_case, style.DIAMOND, "worst-instant"),
     ):
         if index is not None and index.time is not None:
             place = [index.time], [sign * quantity.scale * index.value]
-            ax.plot(*place, **line_style, color=quantity.color, gid=f"{row.name}-{word}")
+            label = _WORST_INSTANT if alone and word == "worst-instant" else None
+            ax.plot(*place, **line_style, color=quantity.color, label=label, gid=f"{row.name}-{word}")
 
 
 def _limit(ax: Any, curves: PlanCurves, quantity: Quantity, values: np.ndarray, label: str | None) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import textwrap
 from argparse import Namespace
 from collections.abc import Iterator
 from concurrent.futures import Executor
@@ -16,9 +15,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.api.place import Placed, place
-from ocptip.basics.text import WIDTH, quantity, table, wrapped
+from ocptip.basics.text import quantity, table, wrapped
 from ocptip.cli.command import FolderReport, Report
-from ocptip.cli.layout import brief_notes, files_lines, fitted, masses, under
+from ocptip.cli.layout import brief_notes, files_lines, fitted, headlines, masses, under
 from ocptip.cli.many import Asked, answer_many
 from ocptip.cli.options import given_tolerance, output_directory, require_least
 from ocptip.cli.terminal import Progress
@@ -110,7 +109,7 @@ class PlaceReport(FolderReport):
         lines.append(("masses", masses(shown.problem.robot)))
         lines += under("assumed", brief_notes(shown.problem.robot.notes, self.verbose))
         tables = [] if isinstance(answer, NoPlacementError) else [*_criteria(shown), "", *_limits(shown), ""]
-        head = textwrap.wrap(f"{self.result.name}   {head}", WIDTH, subsequent_indent=" " * 8)
+        head = headlines(f"{self.result.name}   {head}")
         pose = fitted([*_pose_lines(shown)]) if tables else []
         return "\n".join([*head, *pose, "", *tables, *fitted(lines), *files_lines(self.written)])
 

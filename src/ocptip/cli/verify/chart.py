@@ -14,7 +14,7 @@ from ocptip.api.results.chart import LoadChart
 from ocptip.api.tasks import load_task
 from ocptip.basics.text import quantity, table
 from ocptip.cli.command import FolderReport
-from ocptip.cli.layout import brief_notes, fitted, masses, under
+from ocptip.cli.layout import brief_notes, fitted, headlines, masses, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
 from ocptip.cli.terminal import Progress
 from ocptip.standing.within.design import BALLAST, FOOT_WIDTH, SPEED
@@ -55,7 +55,7 @@ class ChartReport(FolderReport):
         result = self.result
         title, unit = result.raised.title, result.raised.unit
         head = "LOAD" if result.raised.name == "payload" else result.raised.name.upper()
-        lines = [f"{result.name}   {head} CHART, {result.scope}.", ""]
+        lines = [*headlines(f"{result.name}   {head} CHART, {result.scope}."), ""]
         if len(result.q):
             for key, posture in (("any_posture", "in any posture"), ("best_posture", "in the best posture")):
                 lines += [

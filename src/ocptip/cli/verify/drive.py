@@ -12,7 +12,7 @@ from ocptip.api.drive import STOW, drive
 from ocptip.api.results.drive import ASSUMED, DriveEnvelope
 from ocptip.basics.text import joint_words, quantity, table
 from ocptip.cli.command import FolderReport
-from ocptip.cli.layout import brief_notes, files_lines, fitted, masses, under
+from ocptip.cli.layout import brief_notes, files_lines, fitted, headlines, masses, under
 from ocptip.cli.options import given_tolerance, naming_options, output_directory, require_least, taken
 from ocptip.cli.verify.stand_posture import posture_of
 from ocptip.standing.at_rest.drive_envelope import LargestManoeuvres
@@ -73,7 +73,7 @@ class DriveReport(FolderReport):
             ("not covered", ", ".join(result.not_covered)),
         ]
         text = [
-            head,
+            *headlines(head),
             "",
             *table(rows, left=(0, 1, *range(4 if result.within else 3, len(rows[0])))),
             "",

@@ -21,7 +21,15 @@ from ocptip.basics.read import only_inside, read_bytes
 from ocptip.basics.text import percent, quantity, ratio
 from ocptip.basics.write import file_target, versions, write_bytes
 from ocptip.cli.command import Report
-from ocptip.cli.layout import files_lines, joint_numbers, masses, segment_rows, tolerated_lines, within_rows
+from ocptip.cli.layout import (
+    files_lines,
+    headlines,
+    joint_numbers,
+    masses,
+    segment_rows,
+    tolerated_lines,
+    within_rows,
+)
 from ocptip.cli.motion_summary import notes
 from ocptip.cli.options import taken
 from ocptip.cli.terminal import Progress
@@ -165,16 +173,9 @@ class DocumentReport(Report):
             for name, cancel in about.cancels.items()
         ]
         if about.envelope is not None:
-            worst, worst_direction_words = (
-                about.envelope.worst_direction[0],
-                about.envelope.worst_direction_words,
-            )
-            rows.append(
-                (
-                    "Drive envelope",
-                    f"{rounded_down(worst):g} m/s^2 {worst_direction_words}, arm at rest at the goal",
-                )
-            )
+            worst, words = about.envelope.worst_direction[0], about.envelope.worst_direction_words
+            text = f"{rounded_down(worst):g} m/s^2 {words}, arm at rest at the goal"
+            rows.append(("Drive envelope", text))
         first = f"; not stable: {' '.join(_case_row(_by_margin(fallen)[0])[:4])} and others" if fallen else ""
         decides = "" if about.given_cases else "; these usual cases do not decide the verdict"
         counted = f"{len(about.cases) - len(fallen)} of {len(about.cases)} stable"
@@ -379,7 +380,7 @@ class DocumentReport(Report):
         fallen = [case for case in cases if not case.stands]
         count = f"{len(cases) - len(fallen)} of {len(cases)}"
         usual = "" if self.about.given_cases else " (the usual ones do not decide)"
-        lines = [f"{self.about.headline}. {count} load cases are stable{usual}."]
+        lines = headlines(f"{self.about.headline}. {count} load cases are stable{usual}.")
         if self.about.checked is not None:
             robot = self.about.task.robot
             lines += ["", *margin_table(robot, self.about.checked), ""]

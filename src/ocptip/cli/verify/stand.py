@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,7 +15,6 @@ from ocptip.api.stand import stand
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import (
     NOISE,
-    WIDTH,
     joint_words,
     margin_text,
     percent,
@@ -27,7 +25,7 @@ from ocptip.basics.text import (
     towards,
     without_noise,
 )
-from ocptip.cli.layout import brief_notes, changes_table, fitted, under
+from ocptip.cli.layout import brief_notes, changes_table, fitted, headlines, under
 from ocptip.cli.options import GatedReport, gate_of, given_tolerance, read_gate
 from ocptip.contact.elastic import Shared
 from ocptip.contact.resting import what_moves
@@ -116,7 +114,7 @@ class StandReport(GatedReport):
         rows = fitted([*self._margins(), *under("Required", self.outcomes)])
         objects = self._object_table() if self.result.objects else []
         changes = changes_table(self.result.sensitivities, "What if")
-        head = textwrap.wrap(self.headline, WIDTH, subsequent_indent=" " * 8)
+        head = headlines(self.headline)
         parts = [[*head, *rows], objects, self._contact_table(), changes, fitted(self._summary())]
         return "\n\n".join("\n".join(part) for part in parts if part)
 
