@@ -244,6 +244,7 @@ def test_stiffness_of_feet_in_words():
         ([(2e6, None), (np.inf, (1.5e4, 1.8e6))], np.inf, None, "no foot stiffness is enough"),
         ([(np.inf, None), (1.4e6, None)], np.inf, None, "no foot stiffness is enough"),
         ([(np.inf, (1e5, 9e5)), (np.inf, (2e5, 3e6))], np.inf, (2e5, 9e5), "2e5 to 9e5 N/m"),
+        ([(np.inf, None), (np.inf, None)], np.inf, None, "no foot stiffness is enough"),
     ],
 )
 def test_stiffness_of_feet_of_a_cycle_holds_in_every_segment(monkeypatch, segments, value, between, short):

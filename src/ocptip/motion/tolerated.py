@@ -298,8 +298,11 @@ def _of_both(one: Tolerated, other: Tolerated) -> Tolerated:
     if np.isfinite(worse.value):
         return worse
     ranges = [(feet.value, np.inf) if np.isfinite(feet.value) else feet.between for feet in (one, other)]
-    least, most = max(r[0] for r in ranges if r), min(r[1] for r in ranges if r)
-    return replace(worse, between=(least, most) if all(ranges) and least <= most else None)
+    known = [part for part in ranges if part is not None]
+    if len(known) < len(ranges):
+        return replace(worse, between=None)
+    least, most = max(low for low, _ in known), min(high for _, high in known)
+    return replace(worse, between=(least, most) if least <= most else None)
 
 
 def _worse(one: Tolerated, other: Tolerated) -> bool:
