@@ -107,6 +107,10 @@ def test_a_report_is_what_the_command_says(folder, tmp_path, capsys, few_tilts):
     assert (code, found.stands) == (0, True)
     assert comparable(data) == comparable(json.loads(json.dumps(plain(found.to_dict()))))
     assert repr(found).startswith(f"C: {found.checked.headline}")
+    assert [one.raised.name for one in found.charts] == ["payload", "tilt"]
+    [why] = found.not_charted
+    assert "friction of these contacts is not known by half spaces" in why
+    assert why in (tmp_path / "report.html").read_text()
 
 
 @pytest.mark.slow

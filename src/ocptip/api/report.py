@@ -15,6 +15,7 @@ from ocptip.api.drive import drive
 from ocptip.api.results.chart import LoadChart
 from ocptip.api.results.drive import DriveEnvelope
 from ocptip.api.tasks import load_task
+from ocptip.basics.errors import InputError
 from ocptip.basics.text import silent
 from ocptip.basics.write import versions
 from ocptip.certificate.checks import certified_cycle
@@ -97,7 +98,10 @@ def report(
     if not any(robot.carried for robot in robots):  # charts are of payloads that the gripper holds
         for kind in KINDS:
             stage(f"making the {kind} chart ...")
-            stability.charts.append(chart(task, of=kind, samples=CHART_POSTURES))
+            try:
+                stability.charts.append(chart(task, of=kind, samples=CHART_POSTURES))
+            except InputError as error:  # of contacts whose friction has no half spaces
+                stability.not_charted.append(f"{error}")
     return stability
 
 
@@ -209,6 +213,7 @@ class Stability:
         cancels: safe decelerations of a cancelled controller, by segment.
         envelope: how hard the base may accelerate with the arm at the goal; None: it has no wheels.
         charts: load, tilt and push charts; empty: not made.
+        not_charted: why others of these are missing.
     """
 
     def __init__(
@@ -225,6 +230,7 @@ class Stability:
         self.cancels: Mapping[str, SafeDecelerations] = {}
         self.envelope: DriveEnvelope | None = None
         self.charts: list[LoadChart] = []
+        self.not_charted: list[str] = []
 
     def moves(self, say: Callable[[str], None]) -> None:
         """Check the motions of the folder."""

@@ -343,6 +343,7 @@ class DocumentReport(Report):
         for chart in self.about.charts:
             title = chart.raised.title
             yield image(chart.picture(), f"{title[0].upper()}{title[1:]}: {chart.scope}.")
+        yield from (paragraph(f"Missing {why}.") for why in self.about.not_charted)
 
     def _tests(self, written: Collection[str]) -> Iterator[str]:
         """Tests with those of their sections that are written."""
