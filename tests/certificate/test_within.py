@@ -142,8 +142,8 @@ def test_bounds_of_joints_on_time_say_so(monkeypatch):
     limits = Limits(tolerance=WORKSHOP, clearance=0.0)
     checked = check_motion(task.robot, motion, limits)
 
-    def on_time_only(robot, model, motion, tolerance, *more):
-        search = SearchWithin(robot, model, motion, tolerance, *more)
+    def on_time_only(robot, model, motion, tolerance, *more, **how):
+        search = SearchWithin(robot, model, motion, tolerance, *more, **how)
         return SimpleNamespace(claims=lambda _: None) if tolerance["delay"] else search
 
     monkeypatch.setattr("ocptip.certificate.find.SearchWithin", on_time_only)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy  # subpackages load on first use
 
 from ocptip.basics.errors import InputError
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
@@ -85,7 +85,7 @@ def _distinct(poses: Sequence[PoseTarget]) -> list[PoseTarget]:
     """Poses that differ from the one kept before; a line between others would go where rounding points."""
     kept = list(poses[:1])
     for pose in poses[1:]:
-        turned = Rotation.from_matrix(kept[-1].rotation.T @ pose.rotation).magnitude()
+        turned = scipy.spatial.transform.Rotation.from_matrix(kept[-1].rotation.T @ pose.rotation).magnitude()
         if max(np.abs(np.subtract(kept[-1].position, pose.position)).max(), turned) > FINE:
             kept.append(pose)
     return kept if len(kept) < 2 else [*kept[:-1], poses[-1]]
@@ -119,7 +119,9 @@ class _Lines:
             raise InputError("fold: not on tool lines; give the orientation that is meant")
         points = np.array([pose.position for pose in poses])
         turns = np.array([pose.rotation for pose in poses])
-        turned = Rotation.from_matrix(turns[:-1].transpose(0, 2, 1) @ turns[1:]).as_rotvec()
+        turned = scipy.spatial.transform.Rotation.from_matrix(
+            turns[:-1].transpose(0, 2, 1) @ turns[1:]
+        ).as_rotvec()
         change = np.hstack([np.diff(points, axis=0), turned])
         sizes = np.linalg.norm(change * ([1.0] * 3 + [ARM_LENGTH] * 3), axis=1)
         if np.any(sizes <= REACHED):
@@ -153,7 +155,9 @@ class _Lines:
             reach = float(self.reaches[k[i]])
             rows = blend_rows(-reach * before[i], before[i], after[i] - before[i], reach)
             moved[i] = (y[i] + reach) ** np.arange(4, -1, -1.0) @ rows
-        return self.points[k] + moved[:, :3], self.turns[k] @ Rotation.from_rotvec(moved[:, 3:]).as_matrix()
+        return self.points[k] + moved[:, :3], self.turns[k] @ scipy.spatial.transform.Rotation.from_rotvec(
+            moved[:, 3:]
+        ).as_matrix()
 
     @property
     def blended(self) -> float:
