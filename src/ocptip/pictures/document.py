@@ -5,10 +5,7 @@ from __future__ import annotations
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from html import escape
-from io import BytesIO
 from typing import Any
-
-from PIL import Image
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import MARK
@@ -34,7 +31,6 @@ img { max-width: 100% } code { background: #f0f0f0; padding: 0 3px }
 
 
 _SHARE = "data-width"
-_COLOURS = 256
 _LINE, _SHORT = 116, 12  # characters: of a line of a table in a PDF; texts up to this are not broken
 
 
@@ -111,14 +107,12 @@ def _cell(value: str) -> str:
 
 def picture(figure: Any, caption: str, *, beside: bool = False) -> str:
     """A matplotlib figure inside the page; beside the text that follows it, or alone."""
-    return image(png(figure), caption, beside=beside)
+    return image(png(figure, small=True), caption, beside=beside)
 
 
 def image(content: bytes, caption: str, *, beside: bool = False) -> str:
-    """A PNG inside the page, of 256 colours: a third of its size."""
-    stream, drawn = BytesIO(), Image.open(BytesIO(content)).convert("RGB")
-    drawn.quantize(_COLOURS, dither=Image.Dither.NONE).save(stream, format="png")
-    data, text = b64encode(stream.getvalue()).decode("ascii"), escape(caption)
+    """A PNG inside the page."""
+    data, text = b64encode(content).decode("ascii"), escape(caption)
     where = " class='beside'" if beside else ""
     return (
         f"<figure{where}><img src='data:image/png;base64,{data}' alt='{text}'>"

@@ -299,7 +299,8 @@ class LoadChart(SavedFolder):
     def picture(self) -> bytes:
         """The content of chart.png."""
         words = self.name, self.raised.title, self.raised.unit, self.scope
-        return png(chart_figure(words, self.edges, self.cells(azimuth=False), self.reaches, self._feet))
+        cells = self.cells(azimuth=False)
+        return png(chart_figure(words, self.edges, cells, self.reaches, self._feet), small=True)
 
     @property
     def _key(self) -> tuple[str, str]:
