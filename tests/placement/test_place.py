@@ -65,7 +65,7 @@ def test_joints_keep_a_margin_from_their_limits():
     assert 65.0 < shoulder < 115.0
     assert elbow == pytest.approx(-55.0, abs=1e-4)
     assert [f"{one}" for one in best.active] == [
-        "joint angle: upper limit of elbow: -55 deg, must be <= -55 deg"
+        "joint angle: upper limit of elbow with its margin: -55 deg, must be <= -55 deg"
     ]
 
 

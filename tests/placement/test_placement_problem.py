@@ -60,7 +60,7 @@ def test_sampled_loads_refuse_what_is_no_cone():
 
 def test_a_margin_that_leaves_a_joint_no_angle_is_refused():
     limits = PlacementLimits(angle_margin=np.radians(80.0))
-    with pytest.raises(InputError, match="limits: angle_margin: 80 deg leave shoulder no angle"):
+    with pytest.raises(InputError, match="limits: angle_margin_deg: 80 deg leave shoulder no angle"):
         replace(planar_problem(), limits=limits)
 
 

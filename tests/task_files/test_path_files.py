@@ -153,3 +153,6 @@ def test_only_the_first_lines_of_a_table_are_read_before_the_task(tmp_path):
     refuse_early(tmp_path / "a.csv")
     (tmp_path / "b.csv").write_text(rows)
     refuse_early(tmp_path / "b.csv", {"time_s": 1, "q1_deg": 2})
+    comments = "".join(f"# note {k}\n" for k in range(50))
+    (tmp_path / "c.csv").write_text(f"{comments}time,a\n0,0\n1,0.5\n")
+    refuse_early(tmp_path / "c.csv")

@@ -13,7 +13,6 @@ from ocptip.api.results.chart import LoadChart
 from ocptip.api.tasks import TaskLike, load_task
 from ocptip.basics.errors import InputError, finite_array, positive_number, whole_number
 from ocptip.contact.support import Support
-from ocptip.reserves.equal_compliance import equally_compliant
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.joint_box import JointBox
 from ocptip.standing.at_rest.largest_level import largest_levels_kept
@@ -116,8 +115,8 @@ def chart(
     def kept(support: Support, override: float = 1.0) -> LargestLevels:
         nonlocal ready
         box, parts = _box(robot, limits, shares, override), []
-        support = equally_compliant(support) or support
-        raised = _raised(of, robot.varied(support=support, redistribution=None), push_height)
+        standing = robot.varied(support=support)
+        raised = _raised(of, standing.if_alike or standing, push_height)
         top = raised.most if most is None else positive_number("most", most) / raised.scale
         for begin in range(0, max(len(q), 1), _BLOCK):
             block = q[begin : begin + _BLOCK]

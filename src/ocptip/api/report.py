@@ -333,6 +333,7 @@ class Stability:
                 for stage in self.stages
                 for name, (_, tilts) in stage.tilts.items()
             },
+            **({"not_charted": self.not_charted} if self.not_charted else {}),
             "assumed": list(self.task.robot.notes),
             "versions": versions(),
         }

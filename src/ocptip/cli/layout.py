@@ -115,7 +115,7 @@ def check_rows(
 ) -> list[tuple[str, str]]:
     """Detailed rows about a motion, or a cycle."""
     return [
-        ("joints", joint_numbers(robot)),
+        *([("joints", joint_numbers(robot))] if robot.arm is not None else []),
         *under("contacts", checked.contacts.lines()),
         *under("compliant feet", checked.feet_lines),
         *under("elastic joints", checked.drive_lines),

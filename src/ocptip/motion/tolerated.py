@@ -299,10 +299,15 @@ def _of_both(one: Tolerated, other: Tolerated) -> Tolerated:
         return worse
     ranges = [(feet.value, np.inf) if np.isfinite(feet.value) else feet.between for feet in (one, other)]
     known = [part for part in ranges if part is not None]
-    if len(known) < len(ranges):
-        return replace(worse, between=None)
-    least, most = max(low for low, _ in known), min(high for _, high in known)
-    return replace(worse, between=(least, most) if least <= most else None)
+    least, most = max((low for low, _ in known), default=0.0), min((high for _, high in known), default=0.0)
+    if len(known) == len(ranges) and least <= most:
+        return replace(worse, between=(least, most))
+    apart = (
+        {"how": f"no stiffness is enough in both: {one.how}; {other.how}"}
+        if len(known) == len(ranges)
+        else {}
+    )
+    return replace(worse, between=None, **apart)
 
 
 def _worse(one: Tolerated, other: Tolerated) -> bool:

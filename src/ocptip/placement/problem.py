@@ -24,7 +24,6 @@ from ocptip.placement.cone import FEWEST, enclosure, enough
 from ocptip.placement.power import HoldingPower, TorqueCost
 from ocptip.placement.stand import Feet, Stand
 from ocptip.placement.terrain import Patch
-from ocptip.reserves.equal_compliance import equally_compliant
 from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.robots.geometry import Obstacle
 from ocptip.robots.inverse.pose_search import Orientation
@@ -319,7 +318,7 @@ class PlacementProblem:
         low, high = self.angle_range
         for j in np.flatnonzero(low >= high):
             name, margin = self.robot.arm.joint_names[j], np.degrees(self.limits.angle_margin)
-            raise InputError(f"limits: angle_margin: {margin:g} deg leave {name} no angle")
+            raise InputError(f"limits: angle_margin_deg: {margin:g} deg leave {name} no angle")
         self._fill_in()
 
     @property
@@ -327,9 +326,8 @@ class PlacementProblem:
         """This problem with equally compliant contacts; None unless rigid ones that differ in friction leave
         the sharing of loads open.
         """
-        if (support := equally_compliant(self.robot.support)) is None:
-            return None
-        return replace(self, robot=self.robot.varied(support=support, redistribution=None), alike=True)
+        robot = self.robot.if_alike
+        return None if robot is None else replace(self, robot=robot, alike=True)
 
     @property
     def collision_checked(self) -> bool:

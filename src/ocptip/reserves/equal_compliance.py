@@ -138,7 +138,9 @@ def _map_on_a_plane(support: Support) -> np.ndarray | None:
 
 
 def equally_compliant(support: Support) -> Support | None:
-    """The same feet with equal stiffness; None where their friction is the same, and as `equal_sharing`."""
+    """The same feet with equal stiffness; None where all have the same friction, where only one sharing of
+    the load is possible, and with clamps.
+    """
     slip = _equal_slip(support)
     return slip.support if slip and friction_differs(support) else None
 

@@ -17,6 +17,7 @@ from ocptip.basics.values import rotations
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import feet
 from ocptip.contact.support import Support
+from ocptip.reserves.equal_compliance import equally_compliant
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots.base_motion import BaseMotion, acceleration_of, inertial_wrench_of
 from ocptip.robots.braking import gravity_torques
@@ -318,6 +319,12 @@ class Robot(StandingMechanism):
     def driving(self, profile: DriveProfile | None) -> Self:
         """The same robot on a base that drives so; None: it rests."""
         return self._under(self.arm.process, profile)
+
+    @cached_property
+    def if_alike(self) -> Self | None:
+        """The same robot on equally compliant contacts; None where `equally_compliant` has none."""
+        support = equally_compliant(self.support)
+        return None if support is None else self.varied(support=support, redistribution=None)
 
     def resting(self, share: float) -> Self:
         """See `StandingMechanism.resting`."""

@@ -175,7 +175,11 @@ def refuse_early(path: str | os.PathLike[str], columns: Mapping[str, str | int] 
             _tables(data)
     if suffix == ".csv":
         with naming(f"{path}"):
-            table = text_table("\n".join(read_text(path).splitlines()[:_FIRST]), columns)
+            lines = read_text(path).splitlines()
+            table_lines = (
+                k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")
+            )
+            table = text_table("\n".join(lines[: next(table_lines, 0) + _FIRST]), columns)
             if table.header:
                 times_of(table)
 

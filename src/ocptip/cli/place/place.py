@@ -122,7 +122,8 @@ def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
     if best.active:
         names = [f"{_LIMITED.get(m.kind, m.kind)} {m.full_name}" for m in best.active]
         lines.append(("at limit", "; ".join(dict.fromkeys(names))))  # a pair in several tasks
-    if any(margin.kind == JointAngles.kind for margin in best.active):
+    limited = any(margin.kind == JointAngles.kind for margin in best.active)
+    if limited and not result.problem.limits.angle_margin:
         lines.append(("", "angle_margin_deg in [limits] keeps turning joints away from their limits"))
     for number, other in enumerate(result.places[1:], 2):
         lines.append((f"no. {number}", _alternative(other)))

@@ -72,8 +72,8 @@ class RetimeReport(PlanReport):
         slower = run / sum(one.timed.motion.end / one.timed.slower for one in timings)
         if slower >= _WORTH_SAYING:
             kind += f", then {100 * (slower - 1):.1f} % slower, so that all limits hold"
-        smooth = all(one.timed.jerk is not None for one in timings)
-        steps = "no acceleration steps" if smooth else "accelerations step"
+        smooth = all(one.timed.jerk is not None and one.timed.verified for one in timings)
+        steps = "timed without acceleration steps" if smooth else "accelerations step"
         energy = quantity(checked.energy, "J")
         motion = f"Motion  {checked.duration:.3f} s ({kind}{given})   {energy}   {steps}"
         paths = wrapped("Path", [text for title, text in self.details() if title == "path"])

@@ -180,7 +180,7 @@ class DocumentReport(Report):
         decides = "" if about.given_cases else "; these usual cases do not decide the verdict"
         counted = f"{len(about.cases) - len(fallen)} of {len(about.cases)} stable"
         rows.append(("Load cases", f"{counted}{first}{decides}"))
-        for chart in about.charts[:1]:
+        for chart in (one for one in about.charts if one.raised.name == "payload"):
             rows.append(("Load chart", f"{chart.summary}; {chart.scope}"))
         if about.folder is not None:
             name, digest = next(iter(read_sums(about.folder.path).items()))
@@ -337,13 +337,13 @@ class DocumentReport(Report):
             )
             lightest = min(drives) if drives else None
             yield picture(payload_figure(times, held, lightest), "What the gripper may hold, at rest.")
-        if self.about.charts:
+        if self.about.charts or self.about.not_charted:
             yield heading("Load, tilt and push charts")
             yield paragraph(f"Not covered: {', '.join(NOT_COVERED)}. More by 'ocptip chart'.")
         for chart in self.about.charts:
             title = chart.raised.title
             yield image(chart.picture(), f"{title[0].upper()}{title[1:]}: {chart.scope}.")
-        yield from (paragraph(f"Missing {why}.") for why in self.about.not_charted)
+        yield from (paragraph(f"Missing {why}.") for why in dict.fromkeys(self.about.not_charted))
 
     def _tests(self, written: Collection[str]) -> Iterator[str]:
         """Tests with those of their sections that are written."""

@@ -160,7 +160,7 @@ class SafeDecelerations:
             kept = f"safe at {safe} of {of}, at {greatest:g} % {most}{end}"
             if self.alike is not None:
                 but = ", BUT" if self.slips_alike else "; there"
-                kept += f"{but} equally compliant feet use {of_friction(self.alike)}"
+                kept += f"{but} equally compliant feet use at least {of_friction(self.alike)}"
         gentlest = self.levels[-1]
         if self.minimum is not None:  # why no gentler one is safe
             gentlest = next((level for level in self.levels if level.share < self.minimum), hardest)

@@ -249,7 +249,7 @@ def _alike(worst: Mapping[str, Any]) -> list[float]:
 
 def _scope(worst: Mapping[str, Any]) -> str:
     """That an uncertainty does not count; empty where worst cases stand beside nominal values."""
-    return "" if "GN_within" in worst else ", in the nominal model"
+    return "" if any("_within" in name for name in worst) else ", in the nominal model"
 
 
 def _contact_text(worst: Mapping[str, Any], name: str = "the base") -> str:
@@ -270,7 +270,7 @@ def _contact_text(worst: Mapping[str, Any], name: str = "the base") -> str:
             used += f" (worst case {f'{name} slips' if within >= 1 else f'<= {percent(within)}'})"
         texts.append(f"{name} slips" if GT >= 1 else used)
     if alike := _alike(worst):
-        texts.append(f"equally compliant feet use {of_friction(max(alike))}")
+        texts.append(f"equally compliant feet use at least {of_friction(max(alike))}")
     if objects := worst.get("objects"):
         critical = max(objects, key=lambda one: max(objects[one].get("GN", 0.0), objects[one].get("GT", 0.0)))
         texts.append(f"of objects {critical} is critical: {_contact_text(objects[critical], critical)}")

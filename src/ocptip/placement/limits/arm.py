@@ -199,7 +199,8 @@ class JointAngles(PlacementLimit):
         units, of = np.array(arm.units), f" ({names[evaluation.task]})" if len(names) > 1 else ""
         for limit, upper, word in zip(problem.angle_range, (False, True), ("lower", "upper"), strict=True):
             indices = np.flatnonzero(np.isfinite(limit))
-            labels = [f"{word} limit of {arm.joint_names[j]}{of}" for j in indices]
+            margin = " with its margin" if problem.limits.angle_margin else ""
+            labels = [f"{word} limit of {arm.joint_names[j]}{margin}{of}" for j in indices]
             rows.append(
                 self.row(
                     labels, evaluation.q[:, indices], limit[indices], upper, tuple(units[indices]), ANGLE_UNIT

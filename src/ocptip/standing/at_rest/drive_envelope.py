@@ -22,7 +22,6 @@ from ocptip.contact.force_programs import LoadRays
 from ocptip.numerics.bisection import borders
 from ocptip.reserves.equal_compliance import (
     ENOUGH,
-    equally_compliant,
     friction_differs,
     normal_map_of,
     slides_beyond,
@@ -270,10 +269,9 @@ class ManoeuvreSearch:
         if self._cases.footing.support.elastic:
             return self
         robot, q, manoeuvres, tolerance, interface = self._given
-        if interface or (support := equally_compliant(robot.support)) is None:
+        if interface or robot.if_alike is None:
             return None
-        robot = robot.varied(support=support, redistribution=None)
-        return ManoeuvreSearch(robot, q, manoeuvres, tolerance, interface)
+        return ManoeuvreSearch(robot.if_alike, q, manoeuvres, tolerance, interface)
 
     def lifted(self, which: np.ndarray, lift: np.ndarray, most: np.ndarray) -> np.ndarray:
         """(R,) parameters of families (R,), from where a wheel lifts, up to which friction holds on springs;
