@@ -7,13 +7,13 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.stops.cancels import safe_decelerations
 from ocptip.motion.stops.check import _contact_text, check_stops
 from ocptip.motion.stops.rules import StopRules
-from ocptip.motion.stops.tables import ALIKE
 from ocptip.standing.arm import Robot
 from ocptip.standing.limits import Limits
 from ocptip.standing.stops.along_path import PathStops
 from ocptip.standing.stops.by_brakes import Brakes
 from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.standing.tolerance import NONE, Uncertainty
+from ocptip.standing.within.in_motion import ALIKE
 from ocptip.trajectories.trajectory import Trajectory
 from tests.standing.at_rest.test_alike_friction import FRICTION, on_wheels
 

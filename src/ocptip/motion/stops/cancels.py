@@ -29,6 +29,7 @@ from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import SLIP_WITHIN, WITHIN_OF, Limits
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times
 from ocptip.standing.within.cancelled import alike_of_cancels, worst_of_cancels
+from ocptip.standing.within.in_motion import ALIKE
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import Trajectory
 
@@ -206,7 +207,7 @@ class SafeDecelerations:
             "minimum_safe_share": self.minimum,
             "maximum_safe_share": self.maximum,
             "maximum_safe_deceleration": greatest,
-            **({} if self.alike is None else {"friction_if_feet_give_alike": self.alike}),
+            **({} if self.alike is None else {ALIKE: self.alike}),
             "levels": rows,
             "within": self.within or None,
             "instants": self.instants,

@@ -20,7 +20,7 @@ from ocptip.motion.cycles.task import Task
 from ocptip.motion.stops.broken import CLOSE
 from ocptip.motion.stops.cancels import SafeDecelerations, safe_decelerations
 from ocptip.motion.stops.rules import BRAKES, HOLDING, SCENARIOS, Kinds, StopRules, kinds_of
-from ocptip.motion.stops.tables import ALIKE, BrakeTable, CancelTable, JointTable, PathTable
+from ocptip.motion.stops.tables import BrakeTable, CancelTable, JointTable, PathTable
 from ocptip.motion.task import MotionTask
 from ocptip.motion.violations import stated, statement
 from ocptip.numerics.threads import one_thread
@@ -29,6 +29,7 @@ from ocptip.standing.contact_margins import of_friction
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.within.in_motion import ALIKE
 from ocptip.trajectories.trajectory import Trajectory
 
 ROWS = 12  # of the table

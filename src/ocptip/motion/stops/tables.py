@@ -34,11 +34,10 @@ from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, stops_of_motion
 from ocptip.standing.stops.by_cancel import Cancel, CancelCheck, cancel_times, cancelled_motion
 from ocptip.standing.stops.joint_stops import JointStops
 from ocptip.standing.within.cancelled import alike_of_cancels, worst_of_cancels
-from ocptip.standing.within.in_motion import WorstInstant
+from ocptip.standing.within.in_motion import ALIKE, WorstInstant
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.trajectory import Trajectory
 
-ALIKE = "friction_if_feet_give_alike"
 SPACING = 4e-3  # s, between places of the path
 _HALVINGS = 16
 

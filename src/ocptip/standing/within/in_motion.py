@@ -28,6 +28,9 @@ from ocptip.standing.within.torques import maximum_torques
 from ocptip.standing.within.worst_case import WorstCase, WorstDeviations, worst_cases_of
 from ocptip.trajectories.trajectory import Trajectory
 
+ALIKE = "friction_if_feet_give_alike"
+"""The entry of files with the friction that equally compliant feet use."""
+
 EXACT = 48  # instants that are looked at exactly, those that look worst up to products of deviations
 STARTS, FROM_MORE = 5, 12  # of the search for the worst slip, and instants at which there is more than one
 NEARER, FRESH = 2, 9  # rounds of instants around the worst
@@ -153,7 +156,7 @@ class WithinTolerance:
         slip, torque, gap = self.slip.to_dict(), dict(vars(self.torque)), self.gap and dict(vars(self.gap))
         parts = {"tip": tip, "slip": slip, "torque": torque, "clearance": gap}
         forces = {"least_force_if_feet_give_alike_N": self.alike, "least_normal_force_N": self.foot_force}
-        forces |= {"friction_if_feet_give_alike": self.alike_friction}
+        forces |= {ALIKE: self.alike_friction}
         named = {name: force and force.to_dict() for name, force in forces.items()}
         exact = {"exact_springs": True} if self.exact_springs else {}
         objects = {
