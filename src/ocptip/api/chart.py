@@ -112,10 +112,9 @@ def chart(
 
     total, ready = len(q) * (1 + len(ballast) + len(foot_width) + len(speed_override)), 0
 
-    def kept(support: Support, override: float = 1.0) -> LargestLevels:
+    def kept(standing: Robot, override: float = 1.0) -> LargestLevels:
         nonlocal ready
         box, parts = _box(robot, limits, shares, override), []
-        standing = robot.varied(support=support)
         raised = _raised(of, standing.if_alike or standing, push_height)
         top = raised.most if most is None else positive_number("most", most) / raised.scale
         for begin in range(0, max(len(q), 1), _BLOCK):
@@ -126,8 +125,11 @@ def chart(
                 progress(ready, total, None)
         return LargestLevels.joined(parts)
 
+    def on(support: Support) -> LargestLevels:
+        return kept(robot.varied(support=support))
+
     support, raised = robot.support, _raised(of, robot, push_height)
-    largest = kept(support)
+    largest = kept(robot)
     rated = robot.payload.mass if robot.payload and of == "payload" else None
     tried = raised.most * raised.scale if most is None else most
     wanted = (
@@ -139,9 +141,9 @@ def chart(
         raise InputError(f"levels: must be one or more >= 0 {raised.unit}, got {wanted.tolist()}")
     about = result.name, robot, raised, limits, q, largest
     made = LoadChart(*about, (samples, seed), sectors, cell, wanted, tried, shares)
-    others = [(BALLAST, size, kept(ballasted(support, support.mass + size))) for size in ballast]
-    others += [(FOOT_WIDTH, size, kept(widened(support, size))) for size in foot_width]
-    others += [(SPEED, share, kept(support, share)) for share in speed_override]
+    others = [(BALLAST, size, on(ballasted(support, support.mass + size))) for size in ballast]
+    others += [(FOOT_WIDTH, size, on(widened(support, size))) for size in foot_width]
+    others += [(SPEED, share, kept(robot, share)) for share in speed_override]
     return replace(
         made, designs=tuple(DesignLevels(what, size, made.within(one)) for what, size, one in others)
     )
@@ -175,11 +177,9 @@ def _different(levels: np.ndarray, rated: float | None) -> np.ndarray:
 
 def halton_postures(robot: Robot, limits: Limits, samples: int, seed: int) -> np.ndarray:
     """(N, n) postures within the joint limits; a joint without limits turns once, or slides 1 m."""
-    ends, turns = robot.arm.limits, np.array([unit == "rad" for unit in robot.units])
-    margin = np.where(turns, limits.angle_margin, 0.0)
+    (low, high), turns = robot.arm.angle_range(limits.angle_margin), ~robot.arm.prismatic
     usual = np.where(turns, np.pi, 0.5)
-    low = np.where(np.isfinite(ends.angle_min), ends.angle_min + margin, -usual)
-    high = np.where(np.isfinite(ends.angle_max), ends.angle_max - margin, usual)
+    low, high = np.where(np.isfinite(low), low, -usual), np.where(np.isfinite(high), high, usual)
     # A whole turn is enough: beyond it postures repeat.
     middle = (low + high) / 2
     half = np.where(turns, np.minimum((high - low) / 2, np.pi), (high - low) / 2)

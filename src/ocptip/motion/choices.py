@@ -119,8 +119,8 @@ def postures_of(arm: ArmModel, target: PoseTarget, limits: Limits) -> np.ndarray
         InputError: out of reach.
     """
     result = target.postures(arm)
-    margin = np.where(arm.prismatic, 0.0, max(limits.angle_margin, FOUND_MARGIN))
-    far = (result >= arm.limits.angle_min + margin) & (result <= arm.limits.angle_max - margin)
+    low, high = arm.angle_range(max(limits.angle_margin, FOUND_MARGIN))
+    far = (result >= low) & (result <= high)
     return result[far.all(axis=1)] if far.all(axis=1).any() else result
 
 

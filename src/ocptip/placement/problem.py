@@ -315,7 +315,7 @@ class PlacementProblem:
                     f"{task.name}: orientation: {task.orientation!r} needs {rows} free parameters, "
                     f"arm {arm!r} on this terrain has {free}; use 'axis' or 'free'"
                 )
-        low, high = self.angle_range
+        low, high = self.robot.arm.angle_range(self.limits.angle_margin)
         for j in np.flatnonzero(low >= high):
             name, margin = self.robot.arm.joint_names[j], np.degrees(self.limits.angle_margin)
             raise InputError(f"limits: angle_margin_deg: {margin:g} deg leave {name} no angle")
@@ -426,13 +426,6 @@ class PlacementProblem:
     def limited_joints(self) -> np.ndarray:
         """Numbers of the joints with a torque limit."""
         return np.flatnonzero(np.isfinite(self.most_torque))
-
-    @cached_property
-    def angle_range(self) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest and largest joint angles (n,), rad (sliding joints: m): the arm's, less `angle_margin`."""
-        arm = self.robot.arm
-        margin = np.where(arm.prismatic, 0.0, self.limits.angle_margin)
-        return arm.limits.angle_min + margin, arm.limits.angle_max - margin
 
     @property
     def reach(self) -> float:

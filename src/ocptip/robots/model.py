@@ -280,6 +280,11 @@ class ArmModel:
         """Units of the joints, "rad" or "m"."""
         return tuple("m" if slides else "rad" for slides in self.prismatic)
 
+    def angle_range(self, margin: float) -> tuple[np.ndarray, np.ndarray]:
+        """Smallest and largest angles (n,), rad, with a margin; of sliding joints their limits, m."""
+        less = np.where(self.prismatic, 0.0, margin)
+        return self.limits.angle_min + less, self.limits.angle_max - less
+
     @property
     def file_units(self) -> tuple[str, ...]:
         """Units of the joints in files and figures, "deg" or "m"."""

@@ -197,7 +197,8 @@ class JointAngles(PlacementLimit):
         problem, rows = self.problem, []
         arm, names = problem.robot.arm, [task.name for task in problem.tasks]
         units, of = np.array(arm.units), f" ({names[evaluation.task]})" if len(names) > 1 else ""
-        for limit, upper, word in zip(problem.angle_range, (False, True), ("lower", "upper"), strict=True):
+        ends = arm.angle_range(problem.limits.angle_margin)
+        for limit, upper, word in zip(ends, (False, True), ("lower", "upper"), strict=True):
             indices = np.flatnonzero(np.isfinite(limit))
             margin = " with its margin" if problem.limits.angle_margin else ""
             labels = [f"{word} limit of {arm.joint_names[j]}{margin}{of}" for j in indices]

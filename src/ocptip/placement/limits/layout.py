@@ -84,7 +84,8 @@ class Variables:
         self.weights = problem.weights.array() / [problem.references[c] for c in CRITERIA] * weighted
         self.size, self.x_bounds = 0, (np.empty(0), np.empty(0))
         self.p = self._add(terrain.lower, terrain.upper)
-        self.q = [self._add(*problem.angle_range) for _ in problem.tasks]
+        angles = problem.robot.arm.angle_range(problem.limits.angle_margin)
+        self.q = [self._add(*angles) for _ in problem.tasks]
         self.y = [np.r_[self.p, q] for q in self.q]
         loaded = any(self.cases[i].load >= 0 for i in self.counting) and len(problem.limited_joints) > 0
         self.slack: dict[str, int] = {}

@@ -43,8 +43,7 @@ class StowSearch:
         self._rows = np.vstack([-affine[0], none if facets is None else facets])
         self._bounds = np.concatenate([affine[1], np.zeros(len(self._rows) - len(affine[1]))])
         self._robot, self._limits = robot, limits
-        ends, margin = robot.arm.limits, np.where(np.array(robot.units) == "rad", limits.angle_margin, 0.0)
-        self._low, self._high = ends.angle_min + margin, ends.angle_max - margin
+        self._low, self._high = robot.arm.angle_range(limits.angle_margin)
 
     def accelerations(self, q: np.ndarray) -> np.ndarray:
         """(N,) m/s^2, of postures (N, n), in the worst direction; 0 where a torque is too large."""
