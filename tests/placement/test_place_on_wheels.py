@@ -1,6 +1,7 @@
 """Placements of a base on two wheels amid casters: equally compliant wheels bear a third of the weight."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +9,10 @@ import pytest
 import ocptip
 from ocptip.api.place import Placed
 from ocptip.basics.errors import InputError
+from ocptip.cli.place.cell import CellReport
 from ocptip.cli.place.place import PlaceReport
 from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.objective import ENERGY
 from ocptip.placement import for_cycle
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.power import TorqueCost
@@ -109,3 +112,9 @@ def test_places_for_a_cycle_are_rated_with_equally_compliant_wheels_first(found,
     result = for_cycle.place_for_cycle(on_slope(0.15), refused, candidates=1)
     assert asked == ([True] if found else [True, False])
     assert result.best.placement.problem.alike is found
+    cell = SimpleNamespace(
+        name="cell", cycle=SimpleNamespace(objective=ENERGY), problem=on_slope(0.15), tolerance=NONE
+    )
+    report = CellReport(cell, result, None, Path())
+    assert ("equally compliant feet slip everywhere" in report.to_text()) is not found
+    assert report.entries()["ranked_for_best_sharing"] is not found

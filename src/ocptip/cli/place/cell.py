@@ -104,6 +104,7 @@ class CellReport(Report):
             "objective": self.cell.cycle.objective.to_dict(),
             "tolerance": self.cell.tolerance.to_table(),
             "places": [one.to_dict() for one in self.result.ranked],
+            "ranked_for_best_sharing": self.result.static.problem.if_alike is not None,
             "plan": f"{PLAN_FOLDER}/plan.json" if self.best else None,
             "seed": self.result.static.seed,
             "seconds_static": self.result.static.seconds,
@@ -146,6 +147,8 @@ class CellReport(Report):
             lines.append(("", f"of it at rest, in the search for places: {self.cell.problem.tolerance}"))
         else:
             lines.append(("", "none of it in the search for places"))
+        if self.result.static.problem.if_alike is not None:
+            lines.append(("at rest", "equally compliant feet slip everywhere; this is the best sharing"))
         if self.best is None:
             return summary(head, lines, self.written)
         self.best.written, self.best.verbose = self.written, self.verbose
