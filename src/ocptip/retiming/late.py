@@ -18,9 +18,10 @@ import scipy  # subpackages load on first use
 
 from ocptip.retiming.fastest import Grid, Polygons, where
 from ocptip.retiming.whole_body import BasePath
+from ocptip.standing.limits import Limits
 from ocptip.standing.tolerance import Uncertainty
 from ocptip.standing.within.late_joints import delay_cases
-from ocptip.standing.within.worst_case import worst_case_of
+from ocptip.standing.within.worst_case import WorstCase, worst_cases_of
 from ocptip.standing.within.worst_options import worst_beyond, worst_options
 from ocptip.trajectories.trajectory import INSIDE
 
@@ -106,14 +107,11 @@ class LateJoints:
 
     def __init__(self, grid: Grid) -> None:
         asked = grid.limits.asked
-        self._grid, self._cases = grid, worst_case_of(grid.robot, asked.tolerance)
+        self._grid = grid
+        cases_of_all = worst_cases_of(grid.robot, asked.tolerance)
+        self._interfaces = [_Interface.of(cases, asked, k > 0) for k, cases in enumerate(cases_of_all)]
         self._delay = asked.tolerance.delay * (1 + asked.tolerance.speed)
         self._more = asked.tolerance.overshoot
-        axes, unit = self._cases.axes, self._cases.reference or 1.0
-        self._planes = self._cases.footing.slip.half_spaces(asked.GT_worst_case)
-        self._weight = float(np.linalg.norm(grid.robot.support.weight))
-        self._units = np.append(np.full(axes, unit), asked.GT_worst_case)
-        self._most = np.append(np.full(axes, 1 - 1 / asked.GN_worst_case), 1.0)
         places, left, right = grid.places, grid.left, grid.right
         self._q = np.vstack([places.q[left], places.q[right[-1:]]])
         self._dq = np.vstack([places.dq[left], places.dq[right[-1:]]])
@@ -163,27 +161,16 @@ class LateJoints:
         nearly.
         """
         options, made, places, bases = self._options(x)
-        axes = self._cases.axes
         acting = self._grid.acting(places, x) if self._base is None else self._base.rows(x, bases)
         steps = [k for k, made_of in enumerate(bases) if made_of is None]
         acting[steps] = self._overshooting[: len(steps)]
-        functions = range(axes + (self._planes is None))
-        number, values, slopes = worst_options(
-            options, self._cases, acting, (self._most - _FAR) * self._units, functions
+        found = [interface.broken(options, acting) for interface in self._interfaces]
+        slips = max(one.slips for one in found)
+        names = tuple(name for one in found for name in one.names)
+        instants, numbers, slopes, excess = (
+            np.concatenate([getattr(one, part) for one in found])
+            for part in ("instants", "numbers", "slopes", "excess")
         )
-        block = np.s_[: len(functions)]
-        beyond = values / self._units[block] - self._most[block]  # (N + 1, F)
-        i, k = np.nonzero(beyond > -_NEAR)
-        parts = [(i, number[i, k], slopes[i, k] / self._units[k][:, None], beyond[i, k])]
-        names = [NAMES[int(function == axes)] for function in k]
-        slips = -np.inf
-        if self._planes is None:
-            slips = float(np.max(beyond[:, -1]))
-        else:
-            result = worst_beyond(options, self._cases, acting, self._planes, -_NEAR * self._weight, _PLANES)
-            parts.append((*result[:2], result[2] / self._weight, result[3] / self._weight))
-            names += [NAMES[1]] * len(result[0])
-        instants, numbers, slopes, excess = (np.concatenate(part) for part in zip(*parts, strict=True))
         n = self._grid.robot.n
         on, on_base = slopes[:, : 3 * n].reshape(len(instants), 3, n), slopes[:, 3 * n :]
         A = np.zeros((len(instants), len(x)))
@@ -199,7 +186,7 @@ class LateJoints:
                     A[row, first:last] += factor * on[row, 2, joint] * over[:, node, joint]
             if self._base is not None and (acts := bases[instant]) is not None:
                 A[row] += self._base.slopes(x, pace, acts, on_base[row])
-        rows = Couplings(scipy.sparse.csr_matrix(A), A @ x - excess, tuple(names))
+        rows = Couplings(scipy.sparse.csr_matrix(A), A @ x - excess, names)
         return float(np.max(excess, initial=-_NEAR)), slips, rows
 
     def _options(self, x: np.ndarray) -> tuple[np.ndarray, list[list[_Made]], np.ndarray, list[_Made | None]]:
@@ -281,6 +268,81 @@ class LateJoints:
         q, qd = (sum(part * values[end] for end, part in ends) for values in (self._q, nodes.qd))
         qdd = sum(factor * (nodes.after if part else nodes.before)[end] for end, part, factor in parts)
         return (q, qd, qdd, np.full_like(self._q[0], max_delay)), (ends, parts)
+
+
+class _Broken(NamedTuple):
+    """R limits of an interface that are missed, or nearly.
+
+    Attributes:
+        instants: (R,) numbers of them.
+        numbers: (R, n) of the worst states of the joints there.
+        slopes: (R, 3 n or more) of the limit over the state, in its unit.
+        excess: (R,) by how much it is missed, in its unit.
+        names: of the limits.
+        slips: the largest excess of GT where slopes of it are rows; else -inf.
+    """
+
+    instants: np.ndarray
+    numbers: np.ndarray
+    slopes: np.ndarray
+    excess: np.ndarray
+    names: tuple[str, ...]
+    slips: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Interface:
+    """Limits of the contacts of the base, or of an object.
+
+    Attributes:
+        cases: the worst case of it.
+        planes: half spaces of friction; None: there are none.
+        weight: on it, N, the unit of these.
+        units, most: (F,) units of moments about tipping axes and of GT, and what these may be in them.
+        names: of the limits of tipping and slipping.
+    """
+
+    cases: WorstCase
+    planes: np.ndarray | None
+    weight: float
+    units: np.ndarray
+    most: np.ndarray
+    names: tuple[str, str]
+
+    @classmethod
+    def of(cls, cases: WorstCase, asked: Limits, of_object: bool) -> _Interface:
+        """With the limits asked for."""
+        axes, whose = cases.axes, f" of {cases.footing.name}" * of_object
+        return cls(
+            cases,
+            cases.footing.slip.half_spaces(asked.GT_worst_case),
+            float(np.linalg.norm(cases.footing.support.weight)),
+            np.append(np.full(axes, cases.reference or 1.0), asked.GT_worst_case),
+            np.append(np.full(axes, 1 - 1 / asked.GN_worst_case), 1.0),
+            (NAMES[0] + whose, NAMES[1] + whose),
+        )
+
+    def broken(self, options: np.ndarray, acting: np.ndarray) -> _Broken:
+        """What is missed at D instants, with options and acting as of `worst_options`."""
+        axes = self.cases.axes
+        functions = range(axes + (self.planes is None))
+        matters = (self.most - _FAR) * self.units
+        number, values, slopes = worst_options(options, self.cases, acting, matters, functions)
+        block = np.s_[: len(functions)]
+        beyond = values / self.units[block] - self.most[block]  # (D, F)
+        i, k = np.nonzero(beyond > -_NEAR)
+        parts = [(i, number[i, k], slopes[i, k] / self.units[k][:, None], beyond[i, k])]
+        names = [self.names[int(function == axes)] for function in k]
+        slips = -np.inf
+        if self.planes is None:
+            slips = float(np.max(beyond[:, -1]))
+        else:
+            near = -_NEAR * self.weight
+            result = worst_beyond(options, self.cases, acting, self.planes, near, _PLANES)
+            parts.append((*result[:2], result[2] / self.weight, result[3] / self.weight))
+            names += [self.names[1]] * len(result[0])
+        instants, numbers, slopes, excess = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return _Broken(instants, numbers, slopes, excess, tuple(names), slips)
 
 
 @dataclass(frozen=True, eq=False)
