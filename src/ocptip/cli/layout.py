@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.basics.text import WIDTH, quantity, ratio, table, wrapped
+from ocptip.basics.text import WIDTH, quantity, table, wrapped
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
     from ocptip.motion.check import MotionCheck
     from ocptip.motion.cycles.check import CycleCheck
-    from ocptip.motion.cycles.task import Task
     from ocptip.motion.stops.check import Stops
     from ocptip.motion.tolerated import Tolerated
     from ocptip.standing.at_rest.sensitivity import Sensitivity
@@ -33,8 +32,6 @@ _NAMED = 3  # names of files in the last lines
 _WIDEST = 7  # characters of the names of lines, at least
 _LONG_NOTE = 140  # characters
 _NAMES = re.compile(r"[^\s,;:()]+(?:, [^\s,;:()]+){4,}(?=$|[;:]| )")  # five and more single words
-_COLUMNS = ("GN", "GT", "torque_ratio", "clearance_m")
-_HEADS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque", "clearance_m": "clearance"}
 
 
 def named(lines: Sequence[tuple[str, str]], least: int = 0) -> list[str]:
@@ -169,10 +166,10 @@ def price_line(price: Mapping[str, Any]) -> list[str]:
 
 def stop_table(stops: Stops) -> list[str]:
     """Largest safe share of the planned speed over time, and how long stops take."""
-    titles = {"path": "along the path", "brakes": "by brakes", "cancel": "on cancel"}
+    titles = {"path": "on its path", "brakes": "by brakes", "cancel": "on cancel"}
     known = []
     for kind, speeds in stops.speeds.items():
-        known += [(titles[kind], speeds, "{:.2f}"), ("stop takes", stops.durations[kind], "{:.3f} s")]
+        known += [(titles[kind], speeds, "{:.2f}"), ("takes", stops.durations[kind], "{:.3f} s")]
     rows = [["stopped at", *(title for title, _, _ in known)]]
     for i, time in enumerate(stops.times):
         cells = [
@@ -181,36 +178,6 @@ def stop_table(stops: Stops) -> list[str]:
         rows.append([f"{time:.3f} s", *cells])
     about = "(contacts in the nominal model; clearance and joint range do not count)"
     return ["largest safe share of the planned speed", about, *table(rows, left=())]
-
-
-def segment_rows(task: Task, check: CycleCheck) -> list[list[str]]:
-    """Titles, a row per segment (what it holds, energy, duration, rest, worst values), and one of all."""
-    rows = [["segment", "holds", "energy", "time", "rest", *_HEADS.values(), ""]]
-    for k, (name, segment) in enumerate(zip(check.names, check.segments, strict=True)):
-        payload = task.segments[k].task.robot.payload
-        pause, energy = check.pauses[k], check.rest_energies[k]
-        rest = f"{quantity(pause, 's')}, {quantity(energy, 'J')}" if pause else "-"
-        rows.append(
-            [
-                f"{k + 1} {name}",
-                quantity(payload.mass, "kg") if payload else "nothing",
-                quantity(segment.energy, "J"),
-                f"{segment.duration:.3f} s",
-                rest,
-                *_values(segment),
-                "" if segment.verified else "BROKEN",
-            ]
-        )
-    whole = check.whole
-    rest = f"{quantity(sum(check.pauses), 's')}, {quantity(sum(check.rest_energies), 'J')}"
-    total = [quantity(whole.energy, "J"), f"{whole.duration:.3f} s", rest if any(check.pauses) else "-"]
-    rows.append(["in all", "", *total, *_values(whole), "" if whole.verified else "BROKEN"])
-    return rows
-
-
-def _values(check: Any) -> list[str]:
-    values = [check.worst[name].value if name in check.worst else np.nan for name in _COLUMNS]
-    return [*map(ratio, values[:-1]), quantity(1e3 * values[-1], "mm")]
 
 
 def summary(head: str, lines: Sequence[tuple[str, str]], written: Sequence[Path]) -> str:

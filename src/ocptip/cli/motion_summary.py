@@ -14,14 +14,20 @@ from ocptip.cli.layout import (
     changes_table,
     files_lines,
     headlines,
-    segment_rows,
     stop_table,
     under,
 )
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops.cancels import SafeDecelerations, in_all
 from ocptip.motion.stops.check import Stops
-from ocptip.motion.summary import CheckedMotion, margin_table, proof_lines, rises, robustness_lines
+from ocptip.motion.summary import (
+    CheckedMotion,
+    margin_table,
+    proof_lines,
+    rises,
+    robustness_lines,
+    segment_rows,
+)
 from ocptip.motion.violations import broken_words
 from ocptip.standing.contact_margins import of_friction
 from ocptip.standing.mechanism import StandingMechanism

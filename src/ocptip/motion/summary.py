@@ -46,6 +46,13 @@ _IF_REACHED = {
     "duration_s_cancel": ("Duration, cancelled", "s", 1.0),
 }
 """Titles and units of limits that have a row only where they are broken or, of drives, reached."""
+_OF_SEGMENTS = {
+    "tipping_margin_Nm": "tipping",
+    "friction_used": "friction",
+    "torque_used": "torque",
+    "clearance_m": "clearance",
+}
+"""Margins of each segment of a cycle, and their titles there."""
 STOPS = "stops"
 """Name of the checks of stops among those that were left out."""
 _REACHED = {"speed_ratio": 0.995, "acceleration_ratio": 0.995, "jerk_ratio": 0.995}
@@ -210,6 +217,12 @@ def _title(row: MotionMargin) -> str:
 
 def at_text(row: MotionMargin, instant: Margin | None) -> str:
     """A value and when it occurs."""
+    timed = instant is not None and math.isfinite(instant.value) and instant.time is not None
+    return value_text(row, instant) + (f" @{max(instant.time or 0.0, 0.0):.3f}s" if instant and timed else "")
+
+
+def value_text(row: MotionMargin, instant: Margin | None) -> str:
+    """A value with its unit."""
     if instant is None:
         return "-"
     if math.isinf(instant.value):  # no friction holds what tips; without solids no clearance is limited
@@ -218,7 +231,7 @@ def at_text(row: MotionMargin, instant: Margin | None) -> str:
     # Rounded to the limit, a value could contradict the verdict.
     if row.limit is not None and text == _value(row.name, row.limit) and instant.value != row.limit:
         text = _value(row.name, instant.value, 6)
-    return text + (f" @{max(instant.time, 0.0):.3f}s" if instant.time is not None else "")
+    return text
 
 
 def _limit(row: MotionMargin, within: bool) -> str:
@@ -237,6 +250,38 @@ def _value(name: str, value: float, digits: int = 3) -> str:
     if name in _UNITS:
         return quantity(value, _UNITS[name], digits)
     return quantity(1e3 * value, "mm", digits) if name in _LENGTHS else quantity(100 * value, "%", digits)
+
+
+def segment_rows(task: Task, check: CycleCheck) -> list[list[str]]:
+    """Titles, a row per segment (what it holds, energy, duration, rest, worst values), and one of all."""
+    rows = [["segment", "holds", "energy", "time", "rest", *_OF_SEGMENTS.values(), ""]]
+    for k, (name, segment) in enumerate(zip(check.names, check.segments, strict=True)):
+        robot = task.segments[k].task.robot
+        payload = robot.payload
+        pause, energy = check.pauses[k], check.rest_energies[k]
+        rest = f"{quantity(pause, 's')}, {quantity(energy, 'J')}" if pause else "-"
+        rows.append(
+            [
+                f"{k + 1} {name}",
+                quantity(payload.mass, "kg") if payload else "nothing",
+                quantity(segment.energy, "J"),
+                f"{segment.duration:.3f} s",
+                rest,
+                *_values(robot, segment),
+                "" if segment.verified else "BROKEN",
+            ]
+        )
+    whole = check.whole
+    rest = f"{quantity(sum(check.pauses), 's')}, {quantity(sum(check.rest_energies), 'J')}"
+    total = [quantity(whole.energy, "J"), f"{whole.duration:.3f} s", rest if any(check.pauses) else "-"]
+    rows.append(["in all", "", *total, *_values(task.robot, whole), "" if whole.verified else "BROKEN"])
+    return rows
+
+
+def _values(robot: StandingMechanism, check: MotionCheck) -> list[str]:
+    """Margins in the nominal model, without those of objects."""
+    rows = {row.name: row for row in motion_margins(robot, check) if not row.object}
+    return [value_text(rows[name], rows[name].nominal) if name in rows else "-" for name in _OF_SEGMENTS]
 
 
 def proof_lines(checked: MotionCheck) -> list[str]:

@@ -26,7 +26,6 @@ from ocptip.cli.layout import (
     headlines,
     joint_numbers,
     masses,
-    segment_rows,
     tolerated_lines,
     within_rows,
 )
@@ -37,7 +36,7 @@ from ocptip.cli.verify.check import worst_rows
 from ocptip.cli.verify.drive import envelope_rows
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.stops.cancels import rounded_down
-from ocptip.motion.summary import margin_rows, margin_table, motion_line
+from ocptip.motion.summary import margin_rows, margin_table, motion_line, segment_rows
 from ocptip.motion.violations import broken_words
 from ocptip.pictures.animation import still_figure
 from ocptip.pictures.document import (
