@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.parallel.dynamics.base_wrench import base_wrench
+from ocptip.parallel.robot import base_wrench
 from ocptip.standing.platform import StandingParallelRobot
 
 

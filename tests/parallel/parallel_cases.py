@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ocptip.parallel.description.entries import elementary_rotation, product_of, value_of
-from ocptip.parallel.description.platform import BodyInertia
+from ocptip.parallel.description.frames import PlatformCoordinates
+from ocptip.parallel.description.platform import BodyInertia, elementary_rotation, product_of, value_of
 from ocptip.parallel.description.ready_made import KINDS, make_robot
 from ocptip.parallel.description.robot_description import PRISMATIC, RobotDescription
-from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.kinematics.platform import Kinematics
 
 KIND_NAMES = tuple(KINDS)

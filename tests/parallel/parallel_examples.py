@@ -7,8 +7,7 @@ import math
 
 import numpy as np
 
-from ocptip.parallel.description.entries import elementary_rotation
-from ocptip.parallel.description.platform import BodyInertia, Platform
+from ocptip.parallel.description.platform import BodyInertia, Platform, elementary_rotation
 from ocptip.parallel.description.ready_made import delta, rrr3, ups6
 from ocptip.parallel.description.robot_description import PRISMATIC, MDHRow, RobotDescription, SerialLeg
 

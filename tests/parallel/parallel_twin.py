@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
-from ocptip.parallel.description.entries import elementary_rotation, value_of
-from ocptip.parallel.description.platform import BodyInertia
+from ocptip.parallel.description.platform import BodyInertia, elementary_rotation, value_of
 from ocptip.parallel.description.ready_made import delta, delta_end_rotation
 from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, MDHRow, RobotDescription
 from ocptip.parallel.robot import ParallelRobot

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.description.entries import Parameter
+from ocptip.parallel.description.platform import Parameter
 from ocptip.parallel.description.ready_made import READY_MADE, delta, rpr3, rrr3
-from ocptip.parallel.dynamics.base_wrench import base_wrench
 from ocptip.parallel.kinematics.closed_form import leg_solution
 from ocptip.parallel.minimal_form import joint_function, minimal_form
-from ocptip.parallel.robot import ParallelRobot
+from ocptip.parallel.robot import ParallelRobot, base_wrench
 from tests.parallel.parallel_examples import prr3
 from tests.quick import some
 

@@ -7,8 +7,8 @@ from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.measured.power_maps import fit_power_map, motors_of
 from ocptip.numerics.quadrature import gauss_legendre
-from ocptip.parallel.description.entries import value_of
-from ocptip.parallel.description.mdh import modified_rows
+from ocptip.parallel.description.frames import modified_rows
+from ocptip.parallel.description.platform import value_of
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, MDHRow
 from ocptip.published.arms import modular_motors

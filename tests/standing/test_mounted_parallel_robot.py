@@ -9,8 +9,7 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve
 from ocptip.contact.support import Load, Support
 from ocptip.parallel.description.ready_made import delta, ups6
-from ocptip.parallel.dynamics.base_wrench import base_wrench
-from ocptip.parallel.robot import ParallelRobot
+from ocptip.parallel.robot import ParallelRobot, base_wrench
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
 from tests.oracles.numeric_platform import numeric_loads

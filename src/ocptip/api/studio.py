@@ -20,7 +20,7 @@ from ocptip.basics.toml import toml_text
 from ocptip.basics.write import MARK, write_files
 from ocptip.motion.files.source import TASK, source_of
 from ocptip.motion.task import MotionTask
-from ocptip.parallel.analysis.posture import ChainPosture
+from ocptip.parallel.analysis.workspace import ChainPosture
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.pictures.browser.chain_studio import chain_page
 from ocptip.pictures.browser.sliders import Actions

@@ -16,13 +16,12 @@ from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.analysis.singularity import characteristic_length, elimination_order
 from ocptip.parallel.code.complete import home_function, newton_function, point_function
-from ocptip.parallel.code.leg_plans import choose_plans
+from ocptip.parallel.code.leg_plans import robot_projection
 from ocptip.parallel.description.robot_description import PRISMATIC, RobotDescription, SerialLeg
 from ocptip.parallel.kinematics.closed_form import leg_solution, leg_type, nearest_branch
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.symbolic.leg_dynamics import body_wrench
-from ocptip.parallel.symbolic.platform_sx import platform_wrench
-from ocptip.parallel.symbolic.projection import Projection, projection_arguments
+from ocptip.parallel.symbolic.projection import Projection
 from ocptip.parallel.symbolic.spatial_sx import (
     minus,
     plus,
@@ -31,7 +30,6 @@ from ocptip.parallel.symbolic.spatial_sx import (
 from ocptip.parallel.symbolic.symbols import (
     coupling_entries,
     geometry_symbols,
-    inertia_layout,
     leg_base,
     symbol_of,
 )
@@ -47,7 +45,7 @@ class MinimalForm:
         motor_forces: (m,), N or N m.
         motor_speeds: (m,), m/s or rad/s.
         wrench: (6,), N and N m: of the robot on its base, about the robot's world origin, world axes; see
-            :func:`ocptip.parallel.dynamics.base_wrench.base_wrench`.
+            :func:`ocptip.parallel.robot.base_wrench`.
         measures: (k,) distances from singular poses, at most 1, 0 in such a pose; see `measure_names`.
         measure_names: "leg 2 elbow" (type I), "platform" (type II).
     """
@@ -94,10 +92,8 @@ def minimal_form(
     z, zd, zdd = (cs.SX.sym(name, m) for name in ("z", "zd", "zdd"))
     geometry = geometry_symbols(description, numeric=True)
     q, measures, names = joints_of_branch(robot, z, description.home, geometry)
-    layout = inertia_layout(description)
-    plans = choose_plans(description, layout, [True] * layout.size, "motors")
-    arguments = projection_arguments(description, (z, zd, zdd), q, quasi=False, gravity=gravity, load=load)
-    projection = Projection(description, layout, plans, arguments)
+    how = {"quasi": False, "gravity": gravity, "load": load}
+    projection = robot_projection(description, "motors", (z, zd, zdd), q, **how)
     order = elimination_order(description)
     rates = projection.joint_rates()
     outputs = [
@@ -228,11 +224,7 @@ def _platform_measure(robot: ParallelRobot, jacobian: cs.SX, z: cs.SX) -> cs.SX:
 
 def _carried(projection: Projection) -> cs.SX:
     """Force and moment about the world origin that move and carry all bodies, (6,), world axes."""
-    arguments, layout = projection.arguments, projection.layout
-    parameters = cs.vertsplit(arguments.inertia[layout.platform_slice])
-    force, moment = platform_wrench(parameters, projection.platform, projection.gravity)
-    external = cs.vertsplit(arguments.wrench)
-    wrenches = [(minus(force, external[:3]), minus(moment, external[3:]), projection.platform.position)]
+    wrenches = [(*projection.platform_load(), projection.platform.position)]
     for leg, motion in zip(projection.legs, projection.motions, strict=True):
         point = leg.origin
         for body in range(leg.size):

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
 from ocptip.basics.frozen import MadeOf
+from ocptip.numerics.vectors import cross
 from ocptip.parallel.analysis.assembly_modes import AssemblyModes, assembly_modes
 from ocptip.parallel.analysis.crossings import Crossing, crossings
 from ocptip.parallel.analysis.mobility import Mobility, mobility, require_mobility
@@ -19,7 +20,12 @@ from ocptip.parallel.code.codegen import CFiles, write_c
 from ocptip.parallel.code.complete import complete_function
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.robot_description import RobotDescription
-from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
+from ocptip.parallel.dynamics.base_parameters import (
+    LegBaseParameters,
+    NumericBaseParameters,
+    leg_base_parameters,
+    numeric_base_parameters,
+)
 from ocptip.parallel.dynamics.reactions import JointReactions, joint_reactions
 from ocptip.parallel.dynamics.terms import (
     DynamicTerms,
@@ -27,6 +33,7 @@ from ocptip.parallel.dynamics.terms import (
     converted,
     motor_drift,
     needs_complete_legs,
+    platform_terms,
     quasi_terms,
     regressor,
 )
@@ -36,11 +43,6 @@ from ocptip.parallel.kinematics.platform import (
     JointRates,
     Kinematics,
     RobotMotion,
-)
-from ocptip.parallel.symbolic.base_parameters import (
-    LegBaseParameters,
-    NumericBaseParameters,
-    leg_base_parameters,
 )
 
 Joints = Sequence[np.ndarray] | None
@@ -366,6 +368,46 @@ class ParallelRobot(MadeOf):
 
     def _gravity(self, gravity: ArrayLike | None) -> np.ndarray:
         return self.description.gravity if gravity is None else finite_array("gravity", gravity, (3,))
+
+
+def base_wrench(
+    robot: ParallelRobot,
+    z: ArrayLike,
+    zd: ArrayLike,
+    zdd: ArrayLike,
+    *,
+    gravity: ArrayLike | None = None,
+    load: ArrayLike | None = None,
+    q: Joints = None,
+) -> np.ndarray:
+    """Wrench (6,) of a robot on what it is mounted on, about its world origin, world axes.
+
+    Newton and Euler for all bodies together: what the base gives is what moves and carries them, however
+    motors and legs share the forces. The spin of motor rotors is neglected, as for serial arms.
+
+    Args:
+        robot: the robot.
+        z, zd, zdd: (m,).
+        gravity: (3,), m/s^2, world axes; default the robot's.
+        load: (6,) external force and moment on the platform about its origin.
+        q: joint positions per leg.
+    """
+    check = robot.kinematics.coordinates
+    z, zd, zdd = check("z", z), check("zd", zd), check("zdd", zdd)
+    g = robot.description.gravity if gravity is None else finite_array("gravity", gravity, (3,))
+    s, sd = robot.kinematics.quasi(z, zd, zdd)
+    motion = robot.motion(z, s, q)
+    M, c, weight = platform_terms(robot.description.platform.inertia, motion.R, motion.t[3:], g)
+    needed = _moved(M @ (motion.T @ sd + motion.T_drift) + c + weight - _wrench(load), motion.r)
+    for leg, part in zip(robot.kinematics.legs, motion.legs, strict=True):
+        *_, momentum, carried, _ = leg.dynamics(leg.padded(part.q), leg.padded(part.qd), g)
+        needed += _moved(momentum @ leg.padded(part.Jq @ sd + part.drift) + carried, leg.origin)
+    return -needed
+
+
+def _moved(wrench: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """A wrench about `point` as one about the origin."""
+    return np.concatenate([wrench[:3], wrench[3:] + cross(point, wrench[:3])])
 
 
 def _wrench(value: ArrayLike | None) -> np.ndarray:

@@ -13,18 +13,19 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number
 from ocptip.numerics.jit.tape import Tape
 from ocptip.parallel.code.complete import complete_joints, newton_function
-from ocptip.parallel.code.leg_plans import choose_plans
+from ocptip.parallel.code.leg_plans import robot_projection
 from ocptip.parallel.minimal_form import joints_of_branch, minimal_obstacle
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.symbolic.complete_legs import (
     CompleteEquations,
     complete_obstacle,
-    own_arguments,
     unknown_count,
 )
-from ocptip.parallel.symbolic.platform_sx import euler_rates, potential_energy
-from ocptip.parallel.symbolic.projection import Projection, projection_arguments
-from ocptip.parallel.symbolic.symbols import geometry_symbols, inertia_layout
+from ocptip.parallel.symbolic.projection import (
+    euler_rates,
+    robot_arguments,
+)
+from ocptip.parallel.symbolic.symbols import geometry_symbols
 
 _LONG = 200  # steps: fewer are done before machine code is made
 _WEIGHTS = np.array([1, 2, 2, 1]) / 6
@@ -247,18 +248,12 @@ def _closed_form(robot: ParallelRobot, start: np.ndarray) -> tuple[cs.Function, 
     description, symbols = robot.description, _symbols(robot, 0)
     z, s, sd = symbols[:3]
     q, measures, names = joints_of_branch(robot, z, start, geometry_symbols(description, numeric=True))
-    layout = inertia_layout(description)
-    plans = choose_plans(description, layout, [True] * layout.size, "tau_s")
-    arguments = projection_arguments(description, (z, s, sd), q, quasi=True)
-    projection = Projection(description, layout, plans, arguments)
-    parts = cs.vertsplit(arguments.inertia[layout.platform_slice])
-    potential = potential_energy(projection.platform, parts, projection.legs, projection.gravity)
+    projection = robot_projection(description, "tau_s", (z, s, sd), q)
     rates = cs.vertcat(*euler_rates(projection.platform, cs.vertsplit(s)))
     gap = cs.norm_inf(cs.vec(projection.closures()))
     ends = [gap, cs.mmin(cs.vertcat(1, *measures)), cs.vertcat(*measures)]
-    return _forward(
-        symbols, projection.generalized_force(), projection.jacobian(), rates, potential, ends
-    ), names
+    force, jacobian = projection.generalized_force(), projection.jacobian()
+    return _forward(symbols, force, jacobian, rates, projection.potential(), ends), names
 
 
 def _carried(robot: ParallelRobot, start: np.ndarray) -> tuple[cs.Function, list[str]]:
@@ -266,7 +261,8 @@ def _carried(robot: ParallelRobot, start: np.ndarray) -> tuple[cs.Function, list
     measure is 1: where the robot is singular these do not close."""
     symbols = _symbols(robot, unknown_count(robot.kinematics))
     z, s, sd, motors, q = symbols
-    equations = CompleteEquations(robot.kinematics, own_arguments(robot.description, z, s, sd, q), start)
+    arguments = robot_arguments(robot.description, (z, s, sd), q, complete=True)
+    equations = CompleteEquations(robot.kinematics, arguments, start)
     equations.move()
     force = cs.vertcat(*equations.force()[0])
     jacobian = cs.vertcat(*(cs.horzcat(*row) for row in equations.rows()))

@@ -20,7 +20,6 @@ from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.bisection import borders
 from ocptip.numerics.quadrature import gauss_legendre
 from ocptip.parallel.description.robot_description import PRISMATIC
-from ocptip.parallel.dynamics.base_wrench import moving_mass
 from ocptip.parallel.minimal_form import minimal_form
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.reserves.slip import Redistribution
@@ -131,7 +130,7 @@ class StandingParallelRobot(StandingMechanism):
             motors,
             limits.joint_limits(robot.m, count),
             Collisions(robot.m),
-            moving_mass(robot),
+            robot.description.moving_mass,
             reference_moment,
             redistribution,
             sensor or WrenchSensor(self.position),

@@ -23,9 +23,17 @@ from ocptip.basics.toml import Source, Table
 from ocptip.basics.values import number_of
 from ocptip.contact.support import Support
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
-from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotations, product_of, value_of
-from ocptip.parallel.description.mdh import modified_rows, moved_inertia, standard_frame
-from ocptip.parallel.description.platform import COORDINATES, BodyInertia, Platform
+from ocptip.parallel.description.frames import modified_rows, moved_inertia, standard_frame
+from ocptip.parallel.description.platform import (
+    COORDINATES,
+    BodyInertia,
+    Entry,
+    Parameter,
+    Platform,
+    elementary_rotations,
+    product_of,
+    value_of,
+)
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import (
     FIXED,

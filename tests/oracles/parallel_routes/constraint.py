@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from ocptip.numerics.batch import PointFunction
-from ocptip.parallel.description.rotations import PlatformCoordinates
+from ocptip.parallel.description.frames import PlatformCoordinates
 from ocptip.parallel.dynamics.terms import DynamicTerms
 from ocptip.parallel.kinematics.chain import Topology, about_origin, frames
 from ocptip.parallel.kinematics.closures import LegClosure

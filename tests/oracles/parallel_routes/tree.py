@@ -14,7 +14,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import cross
-from ocptip.parallel.description.mdh import moved_inertia, row_frame
+from ocptip.parallel.description.frames import moved_inertia, row_frame
 from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.robot_description import REVOLUTE
 from ocptip.parallel.kinematics.closures import LegClosure

@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
 from ocptip.parallel.analysis.mobility import stacked_closures
-from ocptip.parallel.description.mdh import Frame
+from ocptip.parallel.description.frames import Frame, PlatformCoordinates
 from ocptip.parallel.description.platform import COORDINATES, Platform
-from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.kinematics.closures import LegClosure
 
 _ITERATIONS = 20

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.numerics.vectors import cross
-from ocptip.parallel.description.mdh import Frame, compose, row_frame, snapped_angle, snapped_length
+from ocptip.parallel.description.frames import Frame, compose, row_frame, snapped_angle, snapped_length
 from ocptip.parallel.description.robot_description import REVOLUTE, MDHRow
 
 _LONGEST_COUPLING = 3

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.description.entries import elementary_rotation, product_of
-from ocptip.parallel.description.mdh import Frame, compose, fixed_row, inverse, rotation_angles
-from ocptip.parallel.description.platform import BodyInertia
+from ocptip.parallel.description.frames import Frame, compose, fixed_row, inverse, rotation_angles
+from ocptip.parallel.description.platform import BodyInertia, elementary_rotation, product_of
 from ocptip.parallel.description.robot_description import REVOLUTE, SerialLeg
 from tests.oracles.parallel_urdf.chain import JointAxis, MDHChain, joints_to_coupling, mdh_chain
 

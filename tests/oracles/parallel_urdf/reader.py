@@ -26,11 +26,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, naming, positive_number
-from ocptip.parallel.description.entries import product_of
-from ocptip.parallel.description.mdh import Frame, compose, inverse, rotation_angles
-from ocptip.parallel.description.platform import COORDINATES, BodyInertia, Platform
+from ocptip.parallel.description.frames import Frame, compose, inverse, rotation_angles, rotation_vector
+from ocptip.parallel.description.platform import COORDINATES, BodyInertia, Platform, product_of
 from ocptip.parallel.description.robot_description import RobotDescription, SerialLeg
-from ocptip.parallel.description.rotations import rotation_vector
 from ocptip.parallel.formats.export import Skeleton, joint_name, link_name
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.robot import ParallelRobot

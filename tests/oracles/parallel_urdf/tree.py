@@ -11,7 +11,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, naming, number_from
 from ocptip.basics.text import did_you_mean
-from ocptip.parallel.description.mdh import Frame, compose, inverse
+from ocptip.parallel.description.frames import Frame, compose, inverse
 from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE
 from ocptip.robots.pinocchio import load_pinocchio

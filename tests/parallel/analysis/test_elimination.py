@@ -9,7 +9,7 @@ import pytest
 
 from ocptip.parallel.analysis.singularity import elimination_order
 from ocptip.parallel.code.lean import lean_function
-from ocptip.parallel.description.entries import Parameter
+from ocptip.parallel.description.platform import Parameter
 from ocptip.parallel.description.ready_made import READY_MADE, prrr4, ups6
 from ocptip.parallel.robot import ParallelRobot
 from tests.parallel.parallel_cases import error, golden

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.parallel.code.lean import lean_function
-from ocptip.parallel.description.entries import Parameter
-from ocptip.parallel.description.platform import CONVENTIONS
+from ocptip.parallel.description.platform import CONVENTIONS, Parameter
 from ocptip.parallel.description.ready_made import rrr3, ups6
 from ocptip.parallel.description.robot_description import MDHRow
 from ocptip.parallel.dynamics.terms import quasi_terms

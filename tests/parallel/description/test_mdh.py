@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ocptip.parallel.description.entries import product_of
-from ocptip.parallel.description.mdh import (
+from ocptip.parallel.description.frames import (
     compose,
     fixed_row,
     inverse,
@@ -20,6 +19,7 @@ from ocptip.parallel.description.mdh import (
     row_frame,
     standard_frame,
 )
+from ocptip.parallel.description.platform import product_of
 from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE, MDHRow
 from ocptip.robots.dh import DHRow, arm_from_dh
 from ocptip.robots.kinematics import gripper_pose

@@ -11,14 +11,15 @@ from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
-from ocptip.parallel.description.entries import (
+from ocptip.parallel.description.platform import (
+    BodyInertia,
     Parameter,
+    Platform,
     elementary_rotation,
     exact_cos_sin,
     right_angles,
     value_of,
 )
-from ocptip.parallel.description.platform import BodyInertia, Platform
 from ocptip.parallel.description.ready_made import READY_MADE, make_robot, rrr3
 from ocptip.parallel.description.robot_description import DYNPAR2, FIXED, PRISMATIC, MDHRow, SerialLeg
 from ocptip.parallel.robot import ParallelRobot

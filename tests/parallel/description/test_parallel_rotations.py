@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.numerics.vectors import skew
-from ocptip.parallel.description.platform import CONVENTIONS, Platform
-from ocptip.parallel.description.rotations import (
+from ocptip.parallel.description.frames import (
     PlatformCoordinates,
     euler_rotation,
     rate_matrix,
     rate_matrix_derivative,
     rotation_vector,
 )
+from ocptip.parallel.description.platform import CONVENTIONS, Platform
 from tests.quick import examples
 
 

@@ -13,12 +13,13 @@ from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import DYNPAR2, MDHRow
 from ocptip.parallel.dynamics.base_parameters import (
+    leg_base_parameters,
     numeric_base_parameters,
     rank_parameters,
     stacked_regressor,
+    transform_inertia,
 )
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.symbolic.base_parameters import leg_base_parameters, transform_inertia
 from ocptip.parallel.symbolic.symbols import inertia_layout, inertia_values
 from tests.parallel.parallel_cases import KIND_NAMES, error, golden, random_state
 from tests.parallel.parallel_examples import five_axes

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from ocptip.parallel.description.ready_made import delta
-from ocptip.parallel.dynamics.base_wrench import base_wrench, moving_mass
-from ocptip.parallel.robot import ParallelRobot
+from ocptip.parallel.robot import ParallelRobot, base_wrench
 from ocptip.robots.payload import Payload
 from tests.parallel.parallel_cases import KIND_NAMES
 from tests.parallel.parallel_examples import five_axes, redundant_leg
@@ -36,6 +35,6 @@ def test_at_rest_the_base_carries_the_weight():
     robot = ParallelRobot(delta().with_payload(Payload(0.5)))
     z = [0.1, 0.0, -0.45]
     wrench = base_wrench(robot, z, np.zeros(3), np.zeros(3))
-    np.testing.assert_allclose(wrench[:3], [0, 0, -9.81 * moving_mass(robot)], atol=1e-12)
-    assert moving_mass(robot) == pytest.approx(1.0 + 3 * (0.8 + 0.2))
+    np.testing.assert_allclose(wrench[:3], [0, 0, -9.81 * robot.description.moving_mass], atol=1e-12)
+    assert robot.description.moving_mass == pytest.approx(1.0 + 3 * (0.8 + 0.2))
     assert wrench[4] > 0  # the load sits on the +x side: it turns the base from z to x

@@ -5,8 +5,7 @@ import pinocchio as pin
 import pytest
 
 from ocptip.parallel.description.ready_made import delta
-from ocptip.parallel.dynamics.base_wrench import base_wrench, moving_mass
-from ocptip.parallel.robot import ParallelRobot
+from ocptip.parallel.robot import ParallelRobot, base_wrench
 from ocptip.robots.payload import Payload
 from tests.parallel.parallel_cases import KIND_NAMES
 from tests.parallel.parallel_twin import Twin, random_robot, relative
@@ -27,7 +26,7 @@ def test_motor_forces_and_base_wrench_are_those_of_a_welded_body(kind):
     assert residual < 1e-11
     assert relative(loaded.inverse_dynamics(z, zd, zdd, q).motors, expected) < 1e-11
     assert relative(base_wrench(loaded, z, zd, zdd, q=q), twin.base_wrench(z, zd, zdd)) < 1e-12
-    assert moving_mass(loaded) == pytest.approx(moving_mass(robot) + 3.0)
+    assert loaded.description.moving_mass == pytest.approx(robot.description.moving_mass + 3.0)
 
 
 def test_a_payload_is_replaced_and_taken_away_to_the_last_bit():

@@ -5,8 +5,7 @@ import pinocchio as pin
 import pytest
 
 from ocptip.parallel.description.ready_made import READY_MADE
-from ocptip.parallel.dynamics.base_wrench import base_wrench
-from ocptip.parallel.robot import ParallelRobot
+from ocptip.parallel.robot import ParallelRobot, base_wrench
 from tests.parallel.parallel_examples import extra_leg, five_axes, spu6
 from tests.parallel.parallel_twin import Twin, rod_delta
 from tests.parallel.test_dependent_coordinates import MECHANISMS, robot_of

@@ -19,7 +19,6 @@ from ocptip.cli.poses_and_closed_chains import parallel as command
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.ready_made import delta, prrr4, rpr3, rrr3, ups6
-from ocptip.parallel.dynamics.base_wrench import moving_mass
 from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.formats.mjcf import to_mjcf
 from ocptip.parallel.robot import ParallelRobot
@@ -78,7 +77,7 @@ def test_urdf_has_all_frames_and_masses(name):
         for k, (R, p) in enumerate(zip(rotations, origins, strict=True)):
             np.testing.assert_allclose(found[f"leg{i + 1}_link{k + 1}"].rotation, R, atol=1e-13)
             np.testing.assert_allclose(found[f"leg{i + 1}_link{k + 1}"].translation, p, atol=1e-13)
-    assert pin.computeTotalMass(model) == pytest.approx(moving_mass(ours), rel=1e-13)
+    assert pin.computeTotalMass(model) == pytest.approx(ours.description.moving_mass, rel=1e-13)
 
 
 @every_robot
@@ -154,7 +153,7 @@ def test_mujoco_starts_closed_at_home(name):
     r, R = ours.kinematics.pose(ours.description.home)
     np.testing.assert_allclose(data.body("platform").xpos, r, atol=1e-9)
     np.testing.assert_allclose(data.body("platform").xmat.reshape(3, 3), R, atol=1e-9)
-    assert model.body("world").subtreemass[0] == pytest.approx(moving_mass(ours), rel=1e-12)
+    assert model.body("world").subtreemass[0] == pytest.approx(ours.description.moving_mass, rel=1e-12)
     assert model.nq == sum(leg.n for leg in ours.kinematics.legs)
     assert model.nu == len(ours.description.actuated)
 

@@ -8,7 +8,7 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.batch import PointFunction
-from ocptip.parallel.description.entries import Parameter, elementary_rotation
+from ocptip.parallel.description.platform import Parameter, elementary_rotation
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, MDHRow, SerialLeg
 from ocptip.parallel.kinematics.chain import Topology, leg_dynamics, leg_kinematics

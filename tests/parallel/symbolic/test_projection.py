@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ocptip.parallel.code.lean import lean_function
-from ocptip.parallel.description.entries import Parameter, product_of
-from ocptip.parallel.description.platform import Platform
+from ocptip.parallel.description.frames import PlatformCoordinates
+from ocptip.parallel.description.platform import Parameter, Platform, product_of
 from ocptip.parallel.description.robot_description import (
     PRISMATIC,
     REVOLUTE,
@@ -15,7 +15,6 @@ from ocptip.parallel.description.robot_description import (
     RobotDescription,
     SerialLeg,
 )
-from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.dynamics.terms import quasi_terms
 from ocptip.parallel.kinematics.platform import Kinematics
 from tests.parallel.parallel_cases import chain_end, error, random_body

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.numerics.vectors import skew
-from ocptip.parallel.description.entries import elementary_rotation
+from ocptip.parallel.description.platform import elementary_rotation
 from ocptip.parallel.symbolic.spatial_sx import Rotation, acceleration_matrix, turn, unit, vector
 
 ANGLES = st.floats(-7, 7)

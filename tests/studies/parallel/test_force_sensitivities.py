@@ -10,7 +10,7 @@ from scipy.optimize import root
 
 from ocptip.basics.errors import InputError
 from ocptip.parallel.code.lean import lean_function
-from ocptip.parallel.description.entries import Parameter
+from ocptip.parallel.description.platform import Parameter
 from studies.parallel.sensitivities import ForceSensitivities
 from tests.parallel.parallel_cases import KIND_NAMES, chain_end, error, random_state
 from tests.quick import some

@@ -29,12 +29,11 @@ from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.code.texts import latex_text, matlab_text
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
-from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
+from ocptip.parallel.dynamics.base_parameters import NumericBaseParameters, numeric_base_parameters
 from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.formats.mjcf import to_mjcf
 from ocptip.parallel.minimal_form import joint_functions
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.symbolic.base_parameters import NumericBaseParameters
 from ocptip.task_files.parallel import read_robot
 
 _SUFFIXES = {

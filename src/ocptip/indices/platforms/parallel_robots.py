@@ -17,7 +17,7 @@ from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.platform import PlanarPlatformPose, PlatformFile, StewartPlatform
 from ocptip.indices.platforms.reviewed import RatedPose, rate_platform
 from ocptip.parallel.analysis.workspace import motor_volume
-from ocptip.parallel.description.entries import value_of
+from ocptip.parallel.description.platform import value_of
 from ocptip.parallel.description.robot_description import PRISMATIC, RobotDescription, SerialLeg
 from ocptip.parallel.robot import ParallelRobot
 

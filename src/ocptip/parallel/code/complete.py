@@ -19,16 +19,15 @@ from ocptip.basics.errors import InputError
 from ocptip.parallel.code.lean import LeanFunction
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.dynamics.base_parameters import NumericBaseParameters
 from ocptip.parallel.dynamics.terms import InverseDynamics
 from ocptip.parallel.kinematics.platform import JointPositions, Kinematics
-from ocptip.parallel.symbolic.base_parameters import NumericBaseParameters
 from ocptip.parallel.symbolic.complete_legs import (
-    CompleteArguments,
     CompleteEquations,
     complete_obstacle,
-    own_arguments,
     unknown_count,
 )
+from ocptip.parallel.symbolic.projection import Arguments, robot_arguments
 from ocptip.parallel.symbolic.symbols import inertia_layout, inertia_values
 
 OUTPUTS = ("tau", "J_a", "qd", "qdd", "W")
@@ -92,7 +91,7 @@ def complete_function(
     inertia, gravity = cs.SX.sym("inertia", len(kept)), cs.SX.sym("gravity", 3)
     whole = cs.SX(layout.size, 1)  # what is grouped into others stays a structural zero
     whole[kept] = inertia
-    arguments = CompleteArguments(z, zd, zdd, q, whole, gravity, False)
+    arguments = Arguments(z, zd, zdd, q, whole, gravity, quasi=False)
     equations = CompleteEquations(robot.kinematics, arguments, _near_home(robot.description))
     equations.move()
     results = [cs.densify(_output(equations, which, inertia)) for which in outputs]
@@ -148,7 +147,7 @@ def newton_function(
         raise InputError(f"{description.name}: generated code: {reason}")
     z, start = cs.SX.sym("z", m), cs.SX.sym("start", unknown_count(kinematics))
     nothing = cs.SX.zeros(m)
-    arguments = own_arguments(description, z, nothing, nothing, start)
+    arguments = robot_arguments(description, (z, nothing, nothing), start, complete=True)
     equations = CompleteEquations(kinematics, arguments, _near_home(description) if near is None else near)
     step = tidy(cs.Function("newton_step", [z, start], [cs.densify(equations.newton())]))
     errors = tidy(cs.Function("closure_errors", [z, start], [cs.densify(equations.closure_errors())]))

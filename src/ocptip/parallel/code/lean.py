@@ -30,8 +30,8 @@ from ocptip.parallel.analysis.singularity import elimination_order
 from ocptip.parallel.code.leg_plans import OperationCount, choose_plans, count_operations
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.dynamics.base_parameters import NumericBaseParameters, leg_base_parameters
 from ocptip.parallel.dynamics.terms import FORMS
-from ocptip.parallel.symbolic.base_parameters import NumericBaseParameters, leg_base_parameters
 from ocptip.parallel.symbolic.projection import Arguments, Plans, Projection
 from ocptip.parallel.symbolic.spatial_sx import BlockSystem
 from ocptip.parallel.symbolic.symbols import (
@@ -204,19 +204,18 @@ def lean_function(
     """
     if joint_terms is None:
         joint_terms = bool(joint_term_values(description).any()) if description.coupling_form else False
-    options = Options(form, dynpar, form in ("S", "A") and not euler, wrench, joint_terms, numeric_geometry)
-    _check_options(outputs, options, euler)
+    _check_options(outputs, form, dynpar, euler, joint_terms)
     layout = inertia_layout(description)
     if base is not None and (dynpar != 3 or base.size != layout.size):
         raise InputError(f"base: expected the base parameters of {description.name}, and dynpar 3")
     kept, names, values = _inertia_choice(description, layout, dynpar, base)
     purpose = "motors" if form in ("A", "AA") else "tau_s"
     plans = choose_plans(description, layout, kept, "rows" if set(outputs) == {"J_a"} else purpose)
-    builder = Builder(description, layout, plans, kept, options)
-    results = [builder.output(which) for which in outputs]
-    function = cs.Function(
-        name, builder.inputs, [cs.densify(result) for result in results], builder.input_names, list(outputs)
-    )
+    builder = Builder(description, layout, plans, kept, form, form in ("S", "A") and not euler)
+    builder.take(dynpar, wrench, joint_terms, numeric_geometry)
+    results = [cs.densify(builder.output(which)) for which in outputs]
+    inputs = builder.inputs
+    function = cs.Function(name, list(inputs.values()), results, list(inputs), list(outputs))
     parameters = {} if numeric_geometry else description.parameters
     return LeanFunction(
         function=tidy(function),
@@ -231,8 +230,7 @@ def lean_function(
     )
 
 
-def _check_options(outputs: Sequence[str], options: Options, euler: bool) -> None:
-    form, dynpar = options.form, options.dynpar
+def _check_options(outputs: Sequence[str], form: str, dynpar: int, euler: bool, joint_terms: bool) -> None:
     if isinstance(outputs, str) or not outputs or any(which not in OUTPUTS for which in outputs):
         raise InputError(f"outputs: expected names among {', '.join(OUTPUTS)}, got {outputs!r}")
     if len(set(outputs)) != len(outputs):
@@ -246,7 +244,7 @@ def _check_options(outputs: Sequence[str], options: Options, euler: bool) -> Non
         raise InputError(f"outputs: {linear[0]} needs dynpar 2 or 3; the forces are not linear in DynPar 1")
     if euler and form != "A":
         raise InputError(f"euler: only form A has the choice, got form {form}")
-    if "W_joint" in outputs and not options.joint_terms:
+    if "W_joint" in outputs and not joint_terms:
         raise InputError("outputs: W_joint needs joint_terms=True")
 
 
@@ -268,33 +266,11 @@ def _inertia_choice(
     return list(by_leg.kept), list(by_leg.names), by_leg.values
 
 
-@dataclass(frozen=True)
-class Options:
-    """What a generated function takes; see :func:`ocptip.parallel.code.lean.lean_function`."""
-
-    form: str
-    dynpar: int
-    quasi: bool
-    wrench: bool
-    joint_terms: bool
-    numeric_geometry: bool
-
-    @property
-    def rates(self) -> str:
-        """Name of the input."""
-        return "sd" if self.quasi else "zd"
-
-    @property
-    def accelerations(self) -> str:
-        """Name of the input."""
-        return "qadd" if self.form == "AA" else self.rates + "d"
-
-
 class Builder:
-    """Symbols of a function and its outputs.
+    """Symbols of a function and its outputs; see :func:`ocptip.parallel.code.lean.lean_function`.
 
     Attributes:
-        inputs, input_names: of the function, in order.
+        inputs: of the function by name, in order.
     """
 
     def __init__(
@@ -303,36 +279,35 @@ class Builder:
         layout: InertiaLayout,
         plans: Plans,
         kept: Sequence[bool],
-        options: Options,
+        form: str,
+        quasi: bool,
     ) -> None:
         m, n, count = description.platform.m, layout.bodies, len(description.legs)
-        self.description, self.layout, self.plans = description, layout, plans
-        self.form, self.quasi = options.form, options.quasi
-        self.z = cs.SX.sym("z", m)
-        self.rates = cs.SX.sym(options.rates, m)
-        self.accelerations = cs.SX.sym(options.accelerations, m)
+        self.description, self.layout, self.plans, self.kept = description, layout, plans, kept
+        self.form, self.quasi = form, quasi
+        rates = "sd" if quasi else "zd"
+        accelerations = "qadd" if form == "AA" else rates + "d"
+        self.z, self.rates, self.accelerations = (cs.SX.sym(k, m) for k in ("z", rates, accelerations))
         self.q = cs.SX.sym("q", n, count)
-        self.geometry = geometry_symbols(description, options.numeric_geometry)
-        named = [] if options.numeric_geometry else list(self.geometry.values())
-        self.inertia = cs.SX.sym("inertia", sum(kept))
-        self.gravity = cs.SX.sym("gravity", 3)
-        given = iter(self.inertia[k] for k in range(sum(kept)))
-        full = cs.vertcat(*(next(given) if keep else cs.SX(0.0) for keep in kept))
-        self.full_inertia = origin_inertia(full) if options.dynpar == 1 else full
-        self.inputs = [self.z, self.rates, self.accelerations, self.q]
-        self.inputs += [cs.vertcat(*named) if named else cs.SX(0, 1), self.inertia, self.gravity]
-        self.input_names = ["z", options.rates, options.accelerations, "q", "geometry", "inertia", "gravity"]
+        self.inertia, self.gravity = cs.SX.sym("inertia", sum(kept)), cs.SX.sym("gravity", 3)
+        self.inputs = {"z": self.z, rates: self.rates, accelerations: self.accelerations, "q": self.q}
         self.wrench, self.joint_terms = cs.SX.zeros(6), cs.SX.zeros(3, n * count)
-        if options.wrench:
-            self.wrench = cs.SX.sym("wrench", 6)
-            self.inputs.append(self.wrench)
-            self.input_names.append("wrench")
-        if options.joint_terms:
-            self.joint_terms = cs.SX.sym("joint_terms", 3, n * count)
-            self.inputs.append(self.joint_terms)
-            self.input_names.append("joint_terms")
-        self.order = elimination_order(description) if self.form in ("A", "AA") else None
+        self.order = elimination_order(description) if form in ("A", "AA") else None
         self._parts: dict[tuple[bool, bool, bool], Projection] = {}
+
+    def take(self, dynpar: int, wrench: bool, joint_terms: bool, numeric_geometry: bool) -> None:
+        """Add the inputs that are not the state."""
+        self.geometry = geometry_symbols(self.description, numeric_geometry)
+        named = [] if numeric_geometry else list(self.geometry.values())
+        given = iter(cs.vertsplit(self.inertia))
+        full = cs.vertcat(*(next(given) if keep else cs.SX(0.0) for keep in self.kept))
+        self.full_inertia = origin_inertia(full) if dynpar == 1 else full
+        self.inputs["geometry"] = cs.vertcat(*named) if named else cs.SX(0, 1)
+        self.inputs |= {"inertia": self.inertia, "gravity": self.gravity}
+        if wrench:
+            self.wrench = self.inputs["wrench"] = cs.SX.sym("wrench", 6)
+        if joint_terms:
+            self.joint_terms = self.inputs["joint_terms"] = cs.SX.sym("joint_terms", *self.joint_terms.shape)
 
     def output(self, which: str) -> cs.SX:
         """One output of `OUTPUTS`."""
@@ -367,18 +342,9 @@ class Builder:
     def _project(
         self, rates: cs.SX, accelerations: cs.SX, gravity: cs.SX | None = None, wrench: cs.SX | None = None
     ) -> Projection:
-        arguments = Arguments(
-            pose=self.z,
-            rates=rates,
-            accelerations=accelerations,
-            q=self.q,
-            geometry=self.geometry,
-            inertia=self.full_inertia,
-            gravity=cs.SX.zeros(3) if gravity is None else gravity,
-            wrench=cs.SX.zeros(6) if wrench is None else wrench,
-            joint_terms=self.joint_terms,
-            quasi=self.quasi,
-        )
+        gravity = cs.SX.zeros(3) if gravity is None else gravity
+        given = self.z, rates, accelerations, self.q, self.full_inertia, gravity, self.quasi, self.geometry
+        arguments = Arguments(*given, cs.SX.zeros(6) if wrench is None else wrench, self.joint_terms)
         return Projection(self.description, self.layout, self.plans, arguments)
 
     def _platform_acceleration(self, rates: cs.SX, driven: cs.SX) -> cs.SX:

@@ -14,8 +14,9 @@ from ocptip.basics.errors import InputError
 from ocptip.numerics.inertia import parallel_axis
 from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.code.tidy import tidy
-from ocptip.parallel.description.mdh import moved_inertia, rotation_angles
+from ocptip.parallel.description.frames import moved_inertia, rotation_angles
 from ocptip.parallel.description.platform import BodyInertia
+from ocptip.parallel.dynamics.base_parameters import regroup
 from ocptip.parallel.symbolic.leg_dynamics import LegModel, chain_motion, efforts_and_base
 from ocptip.parallel.symbolic.spatial_sx import Rotation, Turn, plus, turn, vector
 from ocptip.robots.model import ArmModel
@@ -88,16 +89,12 @@ def _grouped(model: ArmModel) -> np.ndarray:
     for body, mass, centre, inertia in zip(table, model.masses, model.centres, model.inertias, strict=True):
         body[:6] = (inertia + parallel_axis(mass, centre))[np.triu_indices(3)]
         body[6:9], body[9] = mass * centre, mass
-    for i in range(model.n - 1, 0, -1):
-        moved = np.zeros(10)
-        if model.prismatic[i]:
-            moved[:6] = table[i, :6]
-        else:
-            moved[[0, 3]] = table[i, 3]
-            moved[8:] = table[i, 8:]
-        table[i] -= moved
-        frame = (model.rotations[i], model.offsets[i - 1])
-        table[i - 1] += moved_inertia(BodyInertia.from_vector(moved), frame).vector
+
+    def moved(i: int, body: np.ndarray) -> np.ndarray:
+        frame = model.rotations[i], model.offsets[i - 1]
+        return moved_inertia(BodyInertia.from_vector(body), frame).vector
+
+    regroup(table, model.prismatic, moved, last=1)
     table[np.abs(table) < 1e-14 * np.abs(table).max()] = 0.0
     return table
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import casadi as cs
 
@@ -23,7 +23,8 @@ from ocptip.parallel.symbolic.leg_dynamics import (
     leg_jacobian,
     leg_motion,
 )
-from ocptip.parallel.symbolic.symbols import InertiaLayout, geometry_symbols, leg_model
+from ocptip.parallel.symbolic.projection import Projection, robot_arguments
+from ocptip.parallel.symbolic.symbols import InertiaLayout, geometry_symbols, inertia_layout, leg_model
 
 _KINDS = {
     cs.OP_ADD: "additions",
@@ -150,6 +151,15 @@ def choose_plans(
             _FOUND[key] = _search(leg, purpose)
         plans.append(_FOUND[key])
     return tuple(plans)
+
+
+def robot_projection(
+    description: RobotDescription, purpose: Purpose, state: Sequence[cs.SX], q: cs.SX, **how: Any
+) -> Projection:
+    """The equations with the numbers of the robot; see :func:`robot_arguments`."""
+    layout = inertia_layout(description)
+    plans = choose_plans(description, layout, [True] * layout.size, purpose)
+    return Projection(description, layout, plans, robot_arguments(description, state, q, **how))
 
 
 def _structure(description: RobotDescription, index: int, joints: Sequence[int], kept: Sequence[bool]) -> str:

@@ -8,8 +8,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, rotation_matrix
 from ocptip.basics.frozen import settle
-from ocptip.parallel.description.entries import Entry, check_entries, value_of
-from ocptip.parallel.description.platform import BodyInertia
+from ocptip.parallel.description.platform import BodyInertia, Entry, check_entries, value_of
 from ocptip.parallel.description.robot_description import LegBase, MDHRow
 
 

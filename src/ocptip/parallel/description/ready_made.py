@@ -14,8 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
-from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotation, product_of
-from ocptip.parallel.description.platform import BodyInertia, Platform
+from ocptip.parallel.description.platform import (
+    BodyInertia,
+    Entry,
+    Parameter,
+    Platform,
+    elementary_rotation,
+    product_of,
+)
 from ocptip.parallel.description.robot_description import PRISMATIC, MDHRow, RobotDescription, SerialLeg
 
 _QUARTER = math.pi / 2

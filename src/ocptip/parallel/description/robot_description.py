@@ -17,16 +17,17 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number, rotation_matrix
 from ocptip.basics.frozen import settle
-from ocptip.parallel.description.entries import (
+from ocptip.parallel.description.platform import (
+    BodyInertia,
     Entry,
     Parameter,
+    Platform,
     check_entries,
     check_entry,
     elementary_rotations,
     product_of,
     value_of,
 )
-from ocptip.parallel.description.platform import BodyInertia, Platform
 from ocptip.robots.payload import Payload
 
 REVOLUTE, PRISMATIC, FIXED = 0, 1, 2
@@ -340,6 +341,11 @@ class RobotDescription:
         if unknown := [k for k in ranges if not 0 <= k < max(leg.n_joints for leg in self.legs)]:
             raise InputError(f"range: no leg has a joint {unknown[0] + 1}")
         return replace(self, legs=tuple(legs))
+
+    @property
+    def moving_mass(self) -> float:
+        """Mass of platform and legs, kg."""
+        return self.platform.inertia.mass + sum(body.mass for leg in self.legs for body in leg.bodies)
 
     @property
     def motor_rows(self) -> tuple[MDHRow, ...]:

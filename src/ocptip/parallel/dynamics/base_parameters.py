@@ -9,25 +9,185 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import partial
 
+import casadi as cs
 import numpy as np
 import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number
-from ocptip.numerics.batch import PointFunction
 from ocptip.parallel.analysis.singularity import characteristic_length, require_regular
-from ocptip.parallel.code.complete import complete_joints, newton_function
-from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
+from ocptip.parallel.description.frames import moved_inertia, row_frame
+from ocptip.parallel.description.platform import BodyInertia
+from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE, MDHRow, RobotDescription
 from ocptip.parallel.dynamics.terms import regressor
-from ocptip.parallel.kinematics.leg_solver import CLOSURE_TOLERANCE
 from ocptip.parallel.kinematics.platform import Kinematics
-from ocptip.parallel.symbolic.base_parameters import NumericBaseParameters
-from ocptip.parallel.symbolic.complete_legs import complete_obstacle
-from ocptip.parallel.symbolic.symbols import InertiaLayout, inertia_layout, inertia_values
+from ocptip.parallel.symbolic.leg_dynamics import LegPlan
+from ocptip.parallel.symbolic.projection import Arguments, Projection
+from ocptip.parallel.symbolic.symbols import InertiaLayout, geometry_symbols, inertia_layout, inertia_values
+
+_XX, _YY, _MZ, _M = 0, 3, 8, 9
+
+
+@dataclass(frozen=True, eq=False)
+class LegBaseParameters:
+    """Base parameters by the leg-wise closed form, in the order of the inertia layout.
+
+    Attributes:
+        kept: of all parameters of the layout, which are base parameters.
+        names: of those kept, each the name of the parameter into which others were grouped.
+        values: of those kept.
+        full: (layout.size,) the same values with zeros where eliminated: a DynPar 2 vector with equal motor
+            forces.
+    """
+
+    kept: tuple[bool, ...]
+    names: tuple[str, ...]
+    values: np.ndarray
+    full: np.ndarray
+
+
+def leg_base_parameters(description: RobotDescription) -> LegBaseParameters:
+    """Group the parameters of every leg from its coupling point to the base, in closed form.
+
+    Raises:
+        InputError: a robot without the coupling form.
+    """
+    layout = inertia_layout(description)
+    values = inertia_values(description)
+    kept = np.zeros(layout.size, dtype=bool)
+    for group in layout.groups:
+        leg = description.legs[group[0]]
+        section = layout.leg_slice(group[0])
+        table = values[section].reshape(leg.n, 10)
+        sliding = [row.sigma == PRISMATIC for row in leg.rows[: leg.n]]
+        keep = regroup(table, sliding, lambda j, body, rows=leg.rows: transform_inertia(rows[j]) @ body)
+        values[section], kept[section] = table.ravel(), keep.ravel()
+    kept[layout.platform_slice] = True
+    kept &= _effective(description, layout, kept)
+    names = np.array(layout.names())
+    full = np.where(kept, values, 0.0)
+    return LegBaseParameters(tuple(kept.tolist()), tuple(names[kept].tolist()), values[kept], full)
+
+
+def regroup(
+    table: np.ndarray, sliding: Sequence[bool], move: Callable[[int, np.ndarray], np.ndarray], last: int = 0
+) -> np.ndarray:
+    """Move what joints cannot tell apart to the body before, in place; which entries (n, 10) are left.
+
+    Args:
+        table: (n, 10), XX .. M of the bodies of a chain about their frames.
+        sliding: per joint.
+        move: (j, parameters) -> those of a body given in frame j, expressed in the frame before.
+        last: joint up to which bodies give something away; that of joint 0 is lost.
+    """
+    keep = np.ones(table.shape, dtype=bool)
+    for j in range(len(table) - 1, last - 1, -1):
+        moved = np.zeros(10)
+        if sliding[j]:
+            moved[:6] = table[j, :6]
+            keep[j, :6] = False
+        else:
+            # A body of revolution about the joint's axis looks the same at every angle.
+            moved[[_XX, _YY]] = table[j, _YY]
+            moved[[_MZ, _M]] = table[j, [_MZ, _M]]
+            keep[j, [_YY, _MZ, _M]] = False
+        table[j] -= moved
+        if j:
+            table[j - 1] += move(j, moved)
+    return keep
+
+
+def transform_inertia(row: MDHRow) -> np.ndarray:
+    """(10, 10) parameters of a body given in frame j, expressed in frame a(j), at joint variable zero."""
+    still = replace(row, sigma=FIXED, r=0.0 if row.sigma == PRISMATIC else row.r)
+    frame = row_frame(still)
+    moved = (moved_inertia(BodyInertia.from_vector(unit), frame).vector for unit in np.eye(10))
+    return np.column_stack(list(moved))
+
+
+def _effective(description: RobotDescription, layout: InertiaLayout, kept: np.ndarray) -> np.ndarray:
+    """Which parameters occur in the generalised force at all."""
+    m, n, legs = description.platform.m, layout.bodies, len(description.legs)
+    inertia = cs.SX.sym("inertia", layout.size)
+    state, q, gravity = cs.SX.sym("z", m, 3), cs.SX.sym("q", n, legs), cs.SX.sym("gravity", 3)
+    full = cs.vertcat(*(inertia[k] if kept[k] else cs.SX(0.0) for k in range(layout.size)))
+    geometry = geometry_symbols(description)
+    arguments = Arguments(*cs.horzsplit(state), q, full, gravity, geometry=geometry)
+    force = cs.SX()
+    for frame in range(n, 0, -1):
+        try:
+            projection = Projection(description, layout, [LegPlan(frame, n)] * legs, arguments)
+        except InputError:
+            if frame == 1:
+                raise
+            continue
+        force = projection.generalized_force()
+        break
+    return np.array(cs.which_depends(force, inertia, 1, False))
+
+
+@dataclass(frozen=True, eq=False)
+class NumericBaseParameters:
+    """Base parameters of the whole robot from a stacked regressor, p_base = p_1 + K p_2.
+
+    Attributes:
+        names: of p_1, each the name of the parameter into which others were grouped.
+        independent: indices (in the inertia layout) of p_1.
+        dependent: indices of p_2, whose columns are combinations of those of p_1.
+        without_effect: indices of columns that are zero.
+        grouping: K, (len(independent), len(dependent)).
+        singular_values: of the scaled regressor, largest first.
+        gap: decades between the smallest singular value that counts and the largest that does not.
+        residual: largest relative difference between W p and W_1 p_base over the stacked rows.
+    """
+
+    names: tuple[str, ...]
+    independent: tuple[int, ...]
+    dependent: tuple[int, ...]
+    without_effect: tuple[int, ...]
+    grouping: np.ndarray
+    singular_values: np.ndarray
+    gap: float
+    residual: float
+
+    @property
+    def rank(self) -> int:
+        """Number of base parameters."""
+        return len(self.independent)
+
+    @property
+    def size(self) -> int:
+        """Number of all parameters (DynPar 2)."""
+        return self.rank + len(self.dependent) + len(self.without_effect)
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(rank, size): p_base = matrix p, from DynPar 2 to the whole robot's DynPar 3."""
+        matrix = np.zeros((self.rank, self.size))
+        matrix[:, list(self.independent)] = np.eye(self.rank)
+        matrix[:, list(self.dependent)] = self.grouping
+        return matrix
+
+    def values(self, parameters: ArrayLike) -> np.ndarray:
+        """(rank,) base parameters of a parameter vector in the order of the layout."""
+        return self.matrix @ finite_array("parameters", parameters, (self.size,))
+
+    def embedded(self, parameters: ArrayLike) -> np.ndarray:
+        """The full vector (p_base, 0) that has the same motor forces."""
+        full = np.zeros(self.size)
+        full[list(self.independent)] = self.values(parameters)
+        return full
+
+    def function(self) -> cs.Function:
+        """`base_parameters`: `p` (size,) to `p_base` (rank,), for C code beside generated functions."""
+        p = cs.SX.sym("p", self.size)
+        return cs.Function("base_parameters", [p], [cs.sparsify(cs.DM(self.matrix)) @ p], ["p"], ["p_base"])
+
 
 _ROWS_PER_COLUMN = 3
-_NEWTON = 10  # steps from home to a random pose
 _PATIENCE = 20
 Block = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Regressor (m, size) of tau_s at z, s', s''."""
@@ -90,7 +250,8 @@ def _block(kinematics: Kinematics) -> tuple[Block, int]:
     description = kinematics.description
     complete = has_complete_regressor(description)
     layout = inertia_layout(description, complete=complete)
-    find = _joints_from_home(kinematics) if complete else lambda z: kinematics.point_joints(z).q
+    start = [leg.home for leg in kinematics.legs]
+    find = partial(kinematics.joints, guess=start) if complete else kinematics.point_joints
     columns: list[int] = []  # of the layout, and which of the numeric regressor they get
     taken: list[int] = []
     bodies = 0
@@ -104,7 +265,7 @@ def _block(kinematics: Kinematics) -> tuple[Block, int]:
     taken += range(bodies, bodies + 10)
 
     def block(z: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
-        q = find(z)
+        q = find(z).q
         require_regular(kinematics, z, q, complete=complete, legs_only=True)
         motion = kinematics.motion(z, rates, q, complete=complete)
         W = np.zeros((kinematics.m, layout.size))
@@ -113,24 +274,6 @@ def _block(kinematics: Kinematics) -> tuple[Block, int]:
         return W
 
     return block, layout.size
-
-
-def _joints_from_home(kinematics: Kinematics) -> Callable[[np.ndarray], Sequence[np.ndarray]]:
-    """Joint positions in any assembly near home; InputError where the legs do not close."""
-    start = [leg.home for leg in kinematics.legs]
-    if complete_obstacle(kinematics.description):
-        return lambda z: kinematics.joints(z, start).q
-    newton = PointFunction(newton_function(kinematics, _NEWTON))
-    home = complete_joints(kinematics, kinematics.description.home, start)
-    ends = np.cumsum([leg.n for leg in kinematics.legs])
-
-    def find(z: np.ndarray) -> Sequence[np.ndarray]:
-        q, residual = newton(z, home)
-        if not residual[0] < CLOSURE_TOLERANCE:
-            raise InputError(f"pose: not reached from home: closure error {residual[0]:.2g}")
-        return np.split(q, ends)[: len(ends)]
-
-    return find
 
 
 def _stacked(kinematics: Kinematics, make: Block, size: int, seed: int, spread: float) -> np.ndarray:

@@ -16,9 +16,8 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import MARK
-from ocptip.parallel.description.entries import elementary_rotation
-from ocptip.parallel.description.mdh import Frame, central_inertia, compose, row_frame
-from ocptip.parallel.description.platform import BodyInertia
+from ocptip.parallel.description.frames import Frame, central_inertia, compose, row_frame
+from ocptip.parallel.description.platform import BodyInertia, elementary_rotation
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics

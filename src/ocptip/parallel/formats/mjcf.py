@@ -24,7 +24,14 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import MARK
-from ocptip.parallel.description.mdh import Frame, central_inertia, compose, inverse, moved_inertia, row_frame
+from ocptip.parallel.description.frames import (
+    Frame,
+    central_inertia,
+    compose,
+    inverse,
+    moved_inertia,
+    row_frame,
+)
 from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.robot_description import FIXED, REVOLUTE, RobotDescription
 from ocptip.parallel.formats.export import (

@@ -12,7 +12,7 @@ from functools import lru_cache
 import casadi as cs
 
 from ocptip.numerics.batch import PointFunction
-from ocptip.parallel.description.entries import Entry, exact_cos_sin, turn_about, value_of
+from ocptip.parallel.description.platform import Entry, exact_cos_sin, turn_about, value_of
 from ocptip.parallel.description.robot_description import FIXED, REVOLUTE, MDHRow
 
 _CACHED = 64

@@ -30,7 +30,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import nearest_turn
-from ocptip.parallel.description.entries import Entry, Parameter, right_angles, value_of
+from ocptip.parallel.description.platform import Entry, Parameter, right_angles, value_of
 from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, LegBase, MDHRow
 
 Scalar = Any

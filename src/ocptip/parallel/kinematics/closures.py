@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.numerics.vectors import cross, skew
+from ocptip.parallel.description.frames import rotation_vector
 from ocptip.parallel.description.robot_description import LegBase
-from ocptip.parallel.description.rotations import rotation_vector
 from ocptip.parallel.kinematics.chain import (
     Topology,
     leg_dynamics,

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.parallel.description.frames import PlatformCoordinates
 from ocptip.parallel.description.robot_description import RobotDescription
-from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.kinematics.leg_solver import (
     CLOSURE_TOLERANCE,
     Attempt,

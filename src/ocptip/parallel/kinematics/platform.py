@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, SolverError, finite_array
 from ocptip.basics.write import Record
 from ocptip.numerics.vectors import nearest_turn
+from ocptip.parallel.description.frames import PlatformCoordinates
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
-from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.kinematics.closed_form import leg_type
 from ocptip.parallel.kinematics.closures import LegMotion
 from ocptip.parallel.kinematics.dependent import DependentCoordinates

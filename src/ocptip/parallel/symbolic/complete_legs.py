@@ -8,7 +8,6 @@ for the platform's coordinates w = (z, d); as many of these as there are depende
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import cast
 
 import casadi as cs
@@ -22,7 +21,8 @@ from ocptip.parallel.kinematics.leg_solver import LegSolver
 from ocptip.parallel.kinematics.platform import Kinematics
 from ocptip.parallel.symbolic.complete_leg import CompleteLeg, Scalars, chosen_equations, idle_inertia
 from ocptip.parallel.symbolic.leg_dynamics import LegModel, chain_motion, leg_efforts
-from ocptip.parallel.symbolic.platform_sx import (
+from ocptip.parallel.symbolic.projection import (
+    Arguments,
     PlatformState,
     euler_rates,
     platform_motion,
@@ -36,7 +36,6 @@ from ocptip.parallel.symbolic.symbols import (
     coupling_entries,
     geometry_symbols,
     inertia_layout,
-    inertia_values,
     leg_model,
 )
 
@@ -51,35 +50,6 @@ def complete_obstacle(description: RobotDescription) -> str:
         if not all(body.massless for body in leg.bodies[leg.n_joints :]):
             return f"leg {number} has a body with mass on its fixed row: give it to the body before"
     return ""
-
-
-@dataclass(frozen=True)
-class CompleteArguments:
-    """Symbols or numbers of one evaluation.
-
-    Attributes:
-        z, rates, accelerations: (m,) free coordinates and derivatives; see `quasi`.
-        q: (n,) all joints leg by leg, then the dependent coordinates.
-        inertia: DynPar 2 of all bodies; gravity: (3,).
-        quasi: True if rates are s' and accelerations s''.
-    """
-
-    z: cs.SX
-    rates: cs.SX
-    accelerations: cs.SX
-    q: cs.SX
-    inertia: cs.SX
-    gravity: cs.SX
-    quasi: bool
-
-
-def own_arguments(
-    description: RobotDescription, z: cs.SX, s: cs.SX, sd: cs.SX, q: cs.SX
-) -> CompleteArguments:
-    """With the inertia and gravity of the robot, in quasi-velocities."""
-    values = inertia_values(description, complete=True)
-    gravity = cs.SX(cs.DM(description.gravity))
-    return CompleteArguments(z, s, sd, q, cs.SX(cs.sparsify(cs.DM(values))), gravity, True)
 
 
 def unknown_count(kinematics: Kinematics) -> int:
@@ -99,14 +69,14 @@ class CompleteEquations:
         InputError: no choice of equations determines the joints of a leg.
     """
 
-    def __init__(self, kinematics: Kinematics, arguments: CompleteArguments, near: np.ndarray) -> None:
+    def __init__(self, kinematics: Kinematics, arguments: Arguments, near: np.ndarray) -> None:
         self.description, self.arguments = kinematics.description, arguments
         self._kinematics, self._near = kinematics, near
         coordinates = kinematics.platform
         self._m, self._order = coordinates.m, coordinates.order
         self._k = len(coordinates.dependent)
         self._pose = [
-            *cs.vertsplit(arguments.z)[: self._m],
+            *cs.vertsplit(arguments.pose)[: self._m],
             *cs.vertsplit(arguments.q)[-self._k or arguments.q.numel() :],
         ]
         self._at = kinematics.joints(near).q
@@ -255,7 +225,7 @@ class CompleteEquations:
 
     def _steps(self) -> list[Scalars]:
         """By how much redundant joints are off their coordinates, leg by leg."""
-        meant = self._by_leg(cs.vertsplit(self.arguments.z)[self._m :])
+        meant = self._by_leg(cs.vertsplit(self.arguments.pose)[self._m :])
         return [
             [z - leg.model.q[joint] for joint, z in zip(leg.redundant, step, strict=True)]
             for leg, step in zip(self.legs, meant, strict=True)
@@ -295,7 +265,7 @@ class CompleteEquations:
         """Choose the held wrenches that determine the dependent coordinates best."""
         candidates = [(i, k) for i, leg in enumerate(self.legs) for k in range(len(leg.others))]
         G = [self._reduced(self.legs[i], *self.legs[i].held[k]) for i, k in candidates]
-        inputs = [self.arguments.z, self.arguments.q]
+        inputs = [self.arguments.pose, self.arguments.q]
         entries = cs.vertcat(*(cs.horzcat(*row) for row in G))
         moving = self._kinematics.moving(self._near, self._at)
         values = np.concatenate([*self._at, moving[self._m :]])

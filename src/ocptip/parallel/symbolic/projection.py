@@ -8,7 +8,7 @@ for them.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as cs
 import numpy as np
@@ -26,8 +26,23 @@ from ocptip.parallel.symbolic.leg_dynamics import (
     driven_force,
     leg_motion,
 )
-from ocptip.parallel.symbolic.platform_sx import PlatformState, platform_motion, platform_wrench, reduced
-from ocptip.parallel.symbolic.spatial_sx import BlockSystem, Vector, minus, plus
+from ocptip.parallel.symbolic.spatial_sx import (
+    BlockSystem,
+    Rotation,
+    Vector,
+    acceleration_matrix,
+    dot,
+    minus,
+    plus,
+    scaled,
+    solve_dense,
+    spin_moment,
+    times,
+    turn,
+    unit,
+    vector,
+    zero,
+)
 from ocptip.parallel.symbolic.symbols import (
     InertiaLayout,
     coupling_entries,
@@ -39,60 +54,184 @@ from ocptip.parallel.symbolic.symbols import (
 
 
 @dataclass(frozen=True)
-class Arguments:
-    """Symbols (or structural zeros) of one evaluation.
+class PlatformState:
+    """Motion of the platform in world axes.
 
     Attributes:
-        pose, rates, accelerations: (m,) platform coordinates and derivatives; see `quasi`.
-        q: (n, N) joint variables up to the coupling points.
-        geometry: named parameters.
+        rotation: entries of R_P.
+        euler: axes of the free rotations in world axes: E of the convention, restricted to the mask.
+        basis: axes to which the moment of tau_s belongs: world axes if all rotations are free, else `euler`.
+        position, velocity, acceleration: of the platform's origin.
+        omega, alpha: angular velocity and acceleration.
+        matrix: Om = skew(alpha) + skew(omega)^2.
+    """
+
+    rotation: list[Vector]
+    euler: list[Vector]
+    basis: list[Vector]
+    position: Vector
+    velocity: Vector
+    acceleration: Vector
+    omega: Vector
+    alpha: Vector
+    matrix: list[Vector]
+
+    def arm(self, point: Vector) -> Vector:
+        """k = R_P kappa in world axes."""
+        return times(self.rotation, point)
+
+    def point_velocity(self, arm: Vector) -> Vector:
+        """Velocity of the point at an arm from the origin, (3.44)."""
+        return plus(self.velocity, cross(self.omega, arm))
+
+    def point_acceleration(self, arm: Vector) -> Vector:
+        """Acceleration of the point at an arm from the origin, (3.44)."""
+        return plus(self.acceleration, times(self.matrix, arm))
+
+
+def platform_motion(
+    mask: Sequence[bool],
+    convention: str,
+    pose: Sequence[cs.SX],
+    rates: Sequence[cs.SX],
+    accelerations: Sequence[cs.SX],
+    quasi: bool,
+) -> PlatformState:
+    """Motion of the platform from its free coordinates.
+
+    Args:
+        mask: which of x, y, z, phi1, phi2, phi3 are free; the others are zero.
+        convention: letters of the three intrinsic rotations.
+        pose: free coordinates.
+        rates, accelerations: their derivatives, or for `quasi` r', omega and derivatives if all three
+            rotations are free (with fewer there is no difference).
+        quasi: see `rates`.
+    """
+    position, speed, change = (_spread(mask, values) for values in (pose, rates, accelerations))
+    axes = ["xyz".index(letter) for letter in convention]
+    turns = [turn(axis, angle) for axis, angle in zip(axes, position[3:], strict=True)]
+    rotation = Rotation(turns).matrix()
+    directions = [Rotation(turns[:k])(unit(axis)) for k, axis in enumerate(axes)]
+    omega, alpha = zero(), zero()
+    euler = [directions[k] for k in range(3) if mask[3 + k]]
+    basis = [unit(k) for k in range(3)] if all(mask[3:]) else euler
+    if quasi and all(mask[3:]):
+        omega, alpha = speed[3:], change[3:]
+    else:
+        for k, direction in enumerate(directions):
+            # E' phi' without differentiation: each axis is turned by the rotations before it.
+            alpha = plus(
+                alpha, scaled(change[3 + k], direction), scaled(speed[3 + k], cross(omega, direction))
+            )
+            omega = plus(omega, scaled(speed[3 + k], direction))
+    matrix = acceleration_matrix(omega, alpha)
+    return PlatformState(rotation, euler, basis, position[:3], speed[:3], change[:3], omega, alpha, matrix)
+
+
+def platform_wrench(
+    inertia: Sequence[cs.SX], motion: PlatformState, gravity: Vector
+) -> tuple[Vector, Vector]:
+    """Force and moment about the platform's origin, world axes, that move the platform, (3.47).
+
+    Args:
+        inertia: XX, XY, XZ, YY, YZ, ZZ, MX, MY, MZ, M about the origin, platform axes.
+        motion: of the platform.
+        gravity: acceleration of gravity, world axes.
+    """
+    first = times(motion.rotation, vector(inertia[6:9]))
+    fall = minus(motion.acceleration, gravity)
+    force = plus(scaled(inertia[9], fall), times(motion.matrix, first))
+    back = [list(column) for column in zip(*motion.rotation, strict=True)]
+    omega, alpha = times(back, motion.omega), times(back, motion.alpha)
+    spin = spin_moment(inertia, omega, alpha, acceleration_matrix(omega, alpha))
+    return force, plus(times(motion.rotation, spin), cross(first, fall))
+
+
+def reduced(mask: Sequence[bool], basis: Sequence[Vector], force: Vector, moment: Vector) -> list[cs.SX]:
+    """Generalised force of the free coordinates: free components of the force, moment along the free axes."""
+    return [force[k] for k in range(3) if mask[k]] + [dot(axis, moment) for axis in basis]
+
+
+def potential_energy(
+    motion: PlatformState, inertia: Sequence[cs.SX], legs: Sequence[LegModel], gravity: Vector
+) -> cs.SX:
+    """Potential energy of all bodies in gravity, J; arguments as of :func:`platform_wrench`."""
+    moments = [plus(motion.arm(vector(inertia[6:9])), [inertia[9] * x for x in motion.position])]
+    for leg in legs:
+        point = leg.origin
+        for body, values in enumerate(leg.inertia):
+            to_world = leg.rotation(0, body + 1)
+            moments.append(plus(to_world(values[6:9]), [values[9] * x for x in point]))
+            point = plus(point, to_world(leg.segments[body]))
+    return -dot(gravity, plus(*moments))
+
+
+def euler_rates(motion: PlatformState, rates: Sequence[cs.SX]) -> list[cs.SX]:
+    """z' from s'."""
+    if len(motion.euler) < 3:
+        return list(rates)
+    rows = [[axis[k] for axis in motion.euler] for k in range(3)]
+    return [*rates[:-3], *solve_dense(rows, rates[-3:])]
+
+
+def _spread(mask: Sequence[bool], values: Sequence[cs.SX]) -> list[cs.SX]:
+    given = iter(values)
+    return [next(given) if free else cs.SX(0.0) for free in mask]
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Symbols, numbers or structural zeros of one evaluation.
+
+    Attributes:
+        pose, rates, accelerations: (m,) coordinates and derivatives; see `quasi`.
+        q: (n, N) joint variables up to the coupling points; of complete legs (n,) those of all joints leg by
+            leg, then the dependent coordinates.
         inertia: parameters about the frames' origins in the order of the layout.
         gravity: (3,), world axes.
-        wrench: (6,) external force and moment about the platform's origin, world axes.
-        joint_terms: (3, n N) drive inertia, viscous and Coulomb friction.
         quasi: True if rates and accelerations are quasi-velocities r', omega and their derivatives.
+        geometry: named parameters; those of complete legs are always numbers.
+        wrench: (6,) external force and moment about the platform's origin, world axes.
+        joint_terms: (3, n N) drive inertia, viscous and Coulomb friction; those of complete legs are always
+            numbers.
     """
 
     pose: cs.SX
     rates: cs.SX
     accelerations: cs.SX
     q: cs.SX
-    geometry: dict[str, cs.SX]
     inertia: cs.SX
     gravity: cs.SX
-    wrench: cs.SX
-    joint_terms: cs.SX
-    quasi: bool
+    quasi: bool = True
+    geometry: dict[str, cs.SX] = field(default_factory=dict)
+    wrench: cs.SX = field(default_factory=lambda: cs.SX.zeros(6))
+    joint_terms: cs.SX = field(default_factory=cs.SX)
 
 
-def projection_arguments(
+def robot_arguments(
     description: RobotDescription,
     state: Sequence[cs.SX],
     q: cs.SX,
     *,
-    quasi: bool,
+    quasi: bool = True,
+    complete: bool = False,
     gravity: ArrayLike | None = None,
     load: ArrayLike | None = None,
 ) -> Arguments:
     """With the numbers of the robot: pose, rates and accelerations, then the joints.
 
     Args:
+        complete: of complete legs.
         gravity: (3,), m/s^2, world axes; default the robot's.
         load: (6,) external force and moment on the platform about its origin, world axes; default none.
     """
     pose, rates, accelerations = state
-    return Arguments(
-        pose=pose,
-        rates=rates,
-        accelerations=accelerations,
-        q=q,
-        geometry=geometry_symbols(description, numeric=True),
-        inertia=cs.SX(cs.sparsify(cs.DM(inertia_values(description)))),
-        gravity=cs.SX(cs.DM(description.gravity if gravity is None else np.asarray(gravity, dtype=float))),
-        wrench=cs.SX.zeros(6) if load is None else cs.SX(cs.DM(finite_array("load", load, (6,)))),
-        joint_terms=cs.SX(cs.DM(joint_term_values(description))),
-        quasi=quasi,
-    )
+    inertia = cs.SX(cs.sparsify(cs.DM(inertia_values(description, complete=complete))))
+    fall = cs.SX(cs.DM(description.gravity if gravity is None else np.asarray(gravity, dtype=float)))
+    wrench = cs.SX.zeros(6) if load is None else cs.SX(cs.DM(finite_array("load", load, (6,))))
+    terms = cs.SX() if complete else cs.SX(cs.DM(joint_term_values(description)))
+    geometry = geometry_symbols(description, numeric=True)
+    return Arguments(pose, rates, accelerations, q, inertia, fall, quasi, geometry, wrench, terms)
 
 
 Plans = Sequence[LegPlan]
@@ -105,6 +244,7 @@ class Projection:
         platform: motion of the platform.
         legs, motions: models and motions of the legs.
         arms: k_i in world axes.
+        gravity, body: entries of gravity and of the platform's inertia.
     """
 
     def __init__(
@@ -120,20 +260,17 @@ class Projection:
             self.mask, description.platform.convention, pose, rates, accelerations, arguments.quasi
         )
         self.gravity = [arguments.gravity[k] for k in range(3)]
-        self.layout = layout
+        self.body = cs.vertsplit(arguments.inertia[layout.platform_slice])
         self.legs: list[LegModel] = []
         self.motions: list[LegState] = []
         self.arms: list[Vector] = []
         n = layout.bodies
+        terms = (
+            arguments.joint_terms if arguments.joint_terms.numel() else cs.SX.zeros(3, arguments.q.numel())
+        )
         for i, leg in enumerate(description.legs):
-            model = leg_model(
-                description,
-                i,
-                arguments.q[:, i],
-                arguments.geometry,
-                arguments.inertia[layout.leg_slice(i)],
-                arguments.joint_terms[:, n * i : n * (i + 1)],
-            )
+            q, inertia = arguments.q[:, i], arguments.inertia[layout.leg_slice(i)]
+            model = leg_model(description, i, q, arguments.geometry, inertia, terms[:, n * i : n * (i + 1)])
             arm = self.platform.arm(coupling_entries(leg, arguments.geometry))
             velocity = self.platform.point_velocity(arm)
             acceleration = self.platform.point_acceleration(arm)
@@ -146,13 +283,16 @@ class Projection:
 
     def _total(self, forces: Sequence[Vector]) -> list[cs.SX]:
         """Platform wrench minus external wrench plus coupling forces, on the free coordinates."""
-        parameters = self.arguments.inertia[self.layout.platform_slice]
-        force, moment = platform_wrench([parameters[k] for k in range(10)], self.platform, self.gravity)
-        external = [self.arguments.wrench[k] for k in range(6)]
-        force, moment = minus(force, external[:3]), minus(moment, external[3:])
+        force, moment = self.platform_load()
         force = plus(force, *forces)
         moment = plus(moment, *(cross(arm, f) for arm, f in zip(self.arms, forces, strict=True)))
         return self._reduced(force, moment)
+
+    def platform_load(self) -> tuple[Vector, Vector]:
+        """Platform wrench minus external wrench, world axes, moment about the platform's origin."""
+        force, moment = platform_wrench(self.body, self.platform, self.gravity)
+        external = [self.arguments.wrench[k] for k in range(6)]
+        return minus(force, external[:3]), minus(moment, external[3:])
 
     def _each(self, function: Callable[..., object]) -> list:
         return [function(*one) for one in zip(self.legs, self.motions, self.plans, strict=True)]
@@ -192,6 +332,10 @@ class Projection:
             gap = minus(end, plus(self.platform.position, arm))
             columns.append(cs.vertcat(*(gap[axis] for axis in leg.axes)))
         return cs.horzcat(*columns)
+
+    def potential(self) -> cs.SX:
+        """Potential energy in gravity, J."""
+        return potential_energy(self.platform, self.body, self.legs, self.gravity)
 
     def joint_rates(self) -> cs.SX:
         """(n, N) rates of all joints up to the coupling points, (3.42)."""

@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import shortest_path
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import cross_terms as cross
-from ocptip.parallel.description.entries import exact_cos_sin
+from ocptip.parallel.description.platform import exact_cos_sin
 
 Vector = list[cs.SX]
 

@@ -13,9 +13,8 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.description.entries import Entry, Parameter
-from ocptip.parallel.description.mdh import central_inertia
-from ocptip.parallel.description.platform import BodyInertia
+from ocptip.parallel.description.frames import central_inertia
+from ocptip.parallel.description.platform import BodyInertia, Entry, Parameter
 from ocptip.parallel.description.robot_description import (
     DYNPAR2,
     PRISMATIC,

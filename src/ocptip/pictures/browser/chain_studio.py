@@ -10,9 +10,8 @@ import numpy as np
 
 from ocptip.basics.errors import OcptipError
 from ocptip.basics.text import percent, quantity
-from ocptip.parallel.analysis.posture import ChainPosture
 from ocptip.parallel.analysis.singularity import SINGULAR
-from ocptip.parallel.analysis.workspace import LENGTHS
+from ocptip.parallel.analysis.workspace import LENGTHS, ChainPosture
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.pictures.browser import bodies, closed_chains
 from ocptip.pictures.browser.bodies import JOINT, LINK
