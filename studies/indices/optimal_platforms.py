@@ -30,9 +30,9 @@ from matplotlib.ticker import MaxNLocator
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.write import versions, write_json, write_text
-from ocptip.indices.platforms.controllability import control_number, platform_conditioning
-from ocptip.indices.platforms.platform import PlanarPlatformPose, PlatformFile, PlatformPose, StewartPlatform
-from ocptip.indices.platforms.workspace import control_numbers
+from ocptip.indices.platforms.controllability import control_number, control_numbers, platform_conditioning
+from ocptip.indices.platforms.platform import PlanarPlatformPose, PlatformPose, StewartPlatform
+from ocptip.indices.platforms.reviewed import PlacedPlatform
 from ocptip.indices.workspace_maps import index_maps
 from studies.common import ended, software, table
 from studies.indices.designs.flight_simulator import FlightSimulator
@@ -299,7 +299,7 @@ MOVES = {
 def moved(name: str, pose: PlatformPose, coordinate: str, ends: float) -> tuple[np.ndarray, np.ndarray]:
     """Shifts in mean leg lengths, or turns about the platform's centre, deg, and the control numbers."""
     centre = pose.platform.mean(axis=0)
-    file = PlatformFile(StewartPlatform(pose.base, pose.platform - centre, name), centre, np.eye(3), None)
+    file = PlacedPlatform(StewartPlatform(pose.base, pose.platform - centre, name), centre, np.eye(3), None)
     middle = centre[2] if coordinate == "z" else 0.0
     scale = 1.0 if coordinate == "z" else math.radians(1.0)
     found = index_maps(
@@ -322,7 +322,9 @@ def draw_moved(path: Path) -> None:
     maps = lower.subplots(1, 4, sharey=True)
     for axis, (name, pose) in zip(maps, designs().items(), strict=True):
         centre = pose.platform.mean(axis=0)
-        file = PlatformFile(StewartPlatform(pose.base, pose.platform - centre, name), centre, np.eye(3), None)
+        file = PlacedPlatform(
+            StewartPlatform(pose.base, pose.platform - centre, name), centre, np.eye(3), None
+        )
         ranges = dict.fromkeys(("rx", "ry"), (-math.pi / 2, math.pi / 2))
         found = index_maps(file, ranges, cells=61, names=["ctn"])
         x, y = (np.degrees(own) for own in found.values)

@@ -28,9 +28,9 @@ from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import plain, write_text
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
+from ocptip.placement.maps import Scan, scan
 from ocptip.placement.place import place
 from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem, ProcessLoad, Weights
-from ocptip.placement.scan import Scan, scan
 from ocptip.placement.terrain import plane
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar, Wall

@@ -13,8 +13,8 @@ from ocptip.cli.main import main
 from ocptip.indices.arms.axes import arm_from_spears
 from ocptip.indices.arms.values import rate_arm
 from ocptip.indices.metric import OperationEllipsoid
+from ocptip.indices.platforms.controllability import control_numbers
 from ocptip.indices.platforms.parallel_robots import ParallelIndices, platform_of_robot
-from ocptip.indices.platforms.workspace import control_numbers
 from ocptip.indices.workspace_maps import index_maps
 from ocptip.parallel.analysis.workspace import workspace
 from ocptip.parallel.description.ready_made import rpr3, ups6

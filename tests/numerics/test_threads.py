@@ -20,7 +20,7 @@ import numpy as np
 from threadpoolctl import threadpool_info
 from ocptip.certificate.checks import certified
 from ocptip.motion.check import check_motion
-from ocptip.placement.scan import scan
+from ocptip.placement.maps import scan
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import Limits
 from ocptip.task_files.placement import load_placement
@@ -39,7 +39,7 @@ def watch(module, name):
 
 watch("ocptip.motion.check", "evaluate_limits")
 watch("ocptip.certificate.find", "_missing")
-watch("ocptip.placement.scan", "worst")
+watch("ocptip.placement.maps", "worst")
 task, limits, before = experiment_task("A"), Limits(GN=1.0, GT=1.0), threads()
 checked = check_motion(task.robot, task.reference, limits)
 assert certified(task.robot, task.reference, checked, limits).certificate is not None

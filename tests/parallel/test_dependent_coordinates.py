@@ -11,7 +11,7 @@ import pytest
 import ocptip
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.parallel.analysis.mobility import stacked_closures
-from ocptip.parallel.formats.mjcf import to_mjcf
+from ocptip.parallel.mjcf import to_mjcf
 from ocptip.parallel.robot import ParallelRobot, base_wrench
 from ocptip.parallel.simulation import simulate
 from ocptip.task_files.parallel import read_parallel_robot

@@ -12,10 +12,9 @@ from PIL import Image
 from ocptip.pictures.placement import CAUSES, draw_placement, placement_figures
 from ocptip.pictures.world_view import half_plane
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.maps import PlacementMap
+from ocptip.placement.maps import PlacementMap, scan
 from ocptip.placement.place import place
 from ocptip.placement.result import evaluate_placement
-from ocptip.placement.scan import scan
 from ocptip.placement.terrain import custom_terrain
 from ocptip.task_files.placement import load_placement
 from studies.placement.planar import planar_problem

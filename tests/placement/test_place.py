@@ -12,10 +12,10 @@ from ocptip.indices.arms.values import rate_arm
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.limit import smallest_margin
+from ocptip.placement.maps import scan
 from ocptip.placement.place import place
 from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad, Weights, sampled_loads
 from ocptip.placement.result import NoPlacementError, evaluate_placement
-from ocptip.placement.scan import scan
 from ocptip.placement.search.refine import followed
 from ocptip.placement.terrain import plane
 from ocptip.reserves.slip import Slip

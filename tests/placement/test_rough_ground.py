@@ -9,7 +9,7 @@ from ocptip.contact.support import Support
 from ocptip.placement.estimates import NOT_HELD, edge_moments, friction_shares
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.ground import Bump, HeightField, Wave
-from ocptip.placement.limits.placed import LeastMoments, addable
+from ocptip.placement.limits.contact import LeastMoments, addable
 from ocptip.placement.place import place
 from ocptip.placement.problem import Weights
 from ocptip.placement.search.physics import PatchPhysics

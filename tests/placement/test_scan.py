@@ -5,8 +5,8 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.maps import scan
 from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad
-from ocptip.placement.scan import scan
 from ocptip.placement.search.starts import exact_scores, solutions
 from tests.placement.placement_scenes import INTO_WALL, drilling, modular_robot
 

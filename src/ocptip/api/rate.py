@@ -9,13 +9,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from ocptip import pictures
 from ocptip.basics.errors import InputError, finite_array, naming
@@ -26,10 +24,9 @@ from ocptip.basics.write import versions, write_json
 from ocptip.indices.arms.values import ARM_INDICES, index_values, rate_arm
 from ocptip.indices.meanings import IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
+from ocptip.indices.platforms.controllability import singular_motion
 from ocptip.indices.platforms.parallel_robots import ParallelIndices, platform_of_robot, rate_parallel
-from ocptip.indices.platforms.platform import PlatformFile
-from ocptip.indices.platforms.reviewed import RatedPose, rate_platform
-from ocptip.indices.platforms.singular_motion import singular_motion
+from ocptip.indices.platforms.reviewed import PlacedPlatform, rate_platform
 from ocptip.indices.workspace_maps import (
     USUAL_OF_ARMS,
     IndexMaps,
@@ -51,7 +48,7 @@ from ocptip.task_files.tables.arm import arm_of_file
 from ocptip.trajectories.read_csv import csv_table
 
 Kind = Literal["arm", "platform", "parallel"]
-Rated = Robot | ArmModel | ParallelRobot | PlatformFile | str | os.PathLike[str]
+Rated = Robot | ArmModel | ParallelRobot | PlacedPlatform | str | os.PathLike[str]
 """A robot: an object, the name of a ready-made one, a URDF, or a TOML file with a robot or a task."""
 
 URDF_SUFFIXES = (".urdf", ".xml")
@@ -121,26 +118,22 @@ def _rate_parallel(robot: ParallelRobot, pose: ArrayLike | None) -> Rating:
 
 
 def _rate_platform(
-    file: PlatformFile, pose: ArrayLike | None, ellipsoid: OperationEllipsoid | None
+    platform: PlacedPlatform, pose: ArrayLike | None, ellipsoid: OperationEllipsoid | None
 ) -> Rating:
-    position, rotation, ellipsoid = file.position, file.rotation, ellipsoid or file.ellipsoid
-    if pose is not None:
-        values = finite_array("pose", pose, (6,))
-        position, rotation = values[:3], Rotation.from_rotvec(values[3:]).as_matrix()
-    entries = rate_platform(file.platform, position, rotation, ellipsoid)
-    placed = file.platform.at(position, rotation)
-    motion = singular_motion(placed)
+    placed = platform.moved(None if pose is None else finite_array("pose", pose, (6,)), ellipsoid)
+    entries = rate_platform(placed.platform, placed.position, placed.rotation, placed.ellipsoid)
+    name, singular, motion = placed.platform.name, placed.pose.singular, singular_motion(placed.pose)
     data = {
-        "robot": file.platform.name,
+        "robot": name,
         "kind": "platform",
-        "position": position.tolist(),
-        "rotation": rotation.tolist(),
-        "singular": placed.singular,
-        "ellipsoid": None if ellipsoid is None else ellipsoid.to_dict(),
+        "position": placed.position.tolist(),
+        "rotation": placed.rotation.tolist(),
+        "singular": singular,
+        "ellipsoid": None if placed.ellipsoid is None else placed.ellipsoid.to_dict(),
         "indices": [entry.to_dict() for entry in entries],
         "singular_motion": motion.to_dict(),
     }
-    return Rating(file.platform.name, placed.singular, tuple(entries), data, motion)
+    return Rating(name, singular, tuple(entries), data, motion)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -225,9 +218,13 @@ def rate_along(
         names, regular = chosen_indices(indices, of_robot.usual, of_robot.names), ("platform", "legs")
         rate_pose = of_robot.values
     else:
-        name, turns, tool = result.platform.name, [False] * 3 + [True] * 3, ellipsoid or result.ellipsoid
-        names, regular = platform_indices(indices, tool), ("ctn",)
-        rate_pose = partial(_values_of_platform, result, tool)
+        placed = result.moved(ellipsoid=ellipsoid)
+        name, turns = placed.platform.name, [False] * 3 + [True] * 3
+        names, regular = platform_indices(indices, placed.ellipsoid), ("ctn",)
+
+        def rate_pose(pose: np.ndarray, names: Iterable[str]) -> Mapping[str, float]:
+            return placed.moved(pose).values(names)
+
     times, poses = _columns(file, turns)
     rows = []
     for row, pose in enumerate(poses, start=1):
@@ -239,13 +236,6 @@ def rate_along(
     if not isinstance(result, ParallelRobot):
         return RatedMotion(name, times, rated, least)
     return RatedMotion(name, times, rated, least, lambda: [result.kinematics.sticks(z) for z in poses])
-
-
-def _values_of_platform(
-    file: PlatformFile, ellipsoid: OperationEllipsoid | None, pose: np.ndarray, names: Iterable[str]
-) -> dict[str, float]:
-    turn = Rotation.from_rotvec(pose[3:]).as_matrix()
-    return RatedPose(file.platform, pose[:3], turn, ellipsoid).values(names)
 
 
 def _columns(file: str, turns: Sequence[bool], *, rates: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -346,23 +336,18 @@ def rate_workspace(
         cells: per coordinate.
         progress: of parallel robots: called as progress(done, total, None).
     """
-    platform_file = rated_robot(robot, kind_of(robot, several=True))
-    if isinstance(platform_file, PlatformFile) and pose is not None:
-        values = finite_array("pose", pose, (6,))
-        turn = Rotation.from_rotvec(values[3:]).as_matrix()
-        platform_file, pose = (
-            PlatformFile(platform_file.platform, values[:3], turn, platform_file.ellipsoid),
-            None,
-        )
+    rated = rated_robot(robot, kind_of(robot, several=True))
+    if isinstance(rated, PlacedPlatform) and pose is not None:
+        rated, pose = rated.moved(finite_array("pose", pose, (6,))), None
     how = {"names": indices, "cells": cells, "progress": progress}
-    return index_maps(platform_file, ranges, pose=pose, ellipsoid=ellipsoid, **how)
+    return index_maps(rated, ranges, pose=pose, ellipsoid=ellipsoid, **how)
 
 
 def kind_of(robot: Rated, *, several: bool) -> Kind:
     """The kind that a robot is rated as; with `several` poses a hexapod counts as a parallel robot."""
     if isinstance(robot, ParallelRobot):
         return "parallel"
-    if isinstance(robot, PlatformFile):
+    if isinstance(robot, PlacedPlatform):
         return "platform"
     if isinstance(robot, ArmModel | Robot):
         return "arm"
@@ -375,7 +360,7 @@ def kind_of(robot: Rated, *, several: bool) -> Kind:
     return "platform" if hexapod or (is_file and "arm" not in keys) else "arm"
 
 
-def rated_robot(robot: Rated, kind: Kind) -> ArmModel | ParallelRobot | PlatformFile:
+def rated_robot(robot: Rated, kind: Kind) -> ArmModel | ParallelRobot | PlacedPlatform:
     """The robot of this kind, read from its file where it is one; most indices need no masses."""
     if isinstance(robot, Robot):
         return robot.arm

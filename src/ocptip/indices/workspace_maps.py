@@ -7,7 +7,7 @@ orientation workspaces (over angles), or anything between. Every pose is evaluat
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,10 @@ from ocptip.basics.write import Record
 from ocptip.indices.arms.values import ARM_INDICES, index_values, six_or_more
 from ocptip.indices.meanings import ARM, PARALLEL, PLATFORM, Meaning
 from ocptip.indices.metric import OperationEllipsoid
+from ocptip.indices.platforms.controllability import control_numbers
 from ocptip.indices.platforms.parallel_robots import ParallelIndices
-from ocptip.indices.platforms.platform import LEG_TOLERANCE, MINIMUM_LEGS, PlatformFile, StewartPlatform
-from ocptip.indices.platforms.reviewed import RatedPose
-from ocptip.indices.platforms.workspace import control_numbers
+from ocptip.indices.platforms.platform import MINIMUM_LEGS, PlatformPose, StewartPlatform, legs_exist
+from ocptip.indices.platforms.reviewed import PlacedPlatform
 from ocptip.numerics.threads import one_thread
 from ocptip.parallel.analysis.workspace import Watcher, grid_of_poses, workspace
 from ocptip.parallel.robot import ParallelRobot
@@ -109,7 +109,7 @@ class IndexMaps(Record):
 
 @one_thread
 def index_maps(
-    robot: ArmModel | ParallelRobot | PlatformFile,
+    robot: ArmModel | ParallelRobot | PlacedPlatform,
     ranges: Mapping[str, tuple[float, float]],
     *,
     pose: ArrayLike | None = None,
@@ -275,14 +275,14 @@ def _of_parallel(
 
 
 def _of_platform(
-    file: PlatformFile,
+    file: PlacedPlatform,
     ranges: Mapping[str, tuple[float, float]],
     names: Iterable[str] | None,
     cells: int | Sequence[int],
     ellipsoid: OperationEllipsoid | None,
 ) -> IndexMaps:
-    ellipsoid = file.ellipsoid if ellipsoid is None else ellipsoid
-    wanted = platform_indices(names, ellipsoid)
+    file = file.moved(ellipsoid=ellipsoid)
+    wanted = platform_indices(names, file.ellipsoid)
     central_pose = np.concatenate([file.position, np.zeros(3)])
     middles, poses, width = grid_of_poses(POSE_COORDINATES, central_pose, ranges, cells)
     shape = tuple(map(len, middles))
@@ -293,7 +293,8 @@ def _of_platform(
     signed, exists = _determinants(file.platform, poses[:, :3], turns)
     single = [name for name in wanted if name != "ctn"]
     for k in np.flatnonzero(exists) if single else ():
-        for name, value in RatedPose(file.platform, poses[k, :3], turns[k], ellipsoid).values(single).items():
+        placed = replace(file, position=poses[k, :3], rotation=turns[k])
+        for name, value in placed.values(single).items():
             maps[name][k] = value
     if file.platform.n_legs != MINIMUM_LEGS:
         signed[:] = np.nan
@@ -314,10 +315,8 @@ def _determinants(
     platform: StewartPlatform, positions: np.ndarray, rotations: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Determinants (N,) of the Jacobians of the first six legs, and where all legs have a length."""
-    moved = platform.platform @ rotations.transpose(0, 2, 1) + positions[:, None, :]
-    legs = moved - platform.base
-    lengths = np.linalg.norm(legs, axis=2)
-    exists = lengths.min(axis=1) > LEG_TOLERANCE * np.abs(platform.base).max()
-    units = legs / np.where(lengths > 0, lengths, 1.0)[..., None]
-    rows = np.concatenate([np.cross(platform.base[None], units), units], axis=2)[:, :MINIMUM_LEGS]
-    return np.where(exists, np.linalg.det(rows), np.nan), exists
+    base, moved = platform.anchors(positions, rotations)
+    exists, determinants = legs_exist(base, moved), np.full(len(moved), np.nan)
+    poses = PlatformPose.of_many(base[exists], moved[exists])
+    determinants[exists] = np.linalg.det(poses.jacobian[:, :MINIMUM_LEGS])
+    return determinants, exists

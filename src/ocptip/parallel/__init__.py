@@ -14,9 +14,9 @@ from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.lean import lean_function
 from ocptip.parallel.description.branched import BranchedLeg
 from ocptip.parallel.description.ready_made import delta, make_robot, rrr3
-from ocptip.parallel.dynamics.actuation import limited_motor_forces, motor_forces
-from ocptip.parallel.formats.export import to_urdf
-from ocptip.parallel.formats.mjcf import to_mjcf
+from ocptip.parallel.dynamics.terms import limited_motor_forces, motor_forces
+from ocptip.parallel.export import to_urdf
+from ocptip.parallel.mjcf import to_mjcf
 from ocptip.parallel.robot import ParallelRobot, base_wrench
 from ocptip.parallel.simulation import simulate
 

@@ -24,9 +24,8 @@ from ocptip.placement.result import (
     evaluate_placement,
 )
 from ocptip.placement.search import starts as sampling
-from ocptip.placement.search.elastic import ElasticProgram
 from ocptip.placement.search.physics import PatchPhysics, held_cases, near_gaps, pieces, worst_cases
-from ocptip.placement.search.program import PlacementProgram
+from ocptip.placement.search.program import ElasticProgram, PlacementProgram
 from ocptip.placement.search.refine import around, improved, turned
 from ocptip.robots.inverse.joint_angles import nearest_copies
 from ocptip.robots.inverse.pose_search import search

@@ -10,7 +10,8 @@ from ocptip.basics import schema
 from ocptip.basics.schema import Keys
 from ocptip.basics.toml import Source, Table
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.platforms.platform import PlatformFile, StewartPlatform
+from ocptip.indices.platforms.platform import StewartPlatform
+from ocptip.indices.platforms.reviewed import PlacedPlatform
 from ocptip.task_files.doubts import require_kind
 
 _UNITS = {"m": 1.0, "mm": 1e-3}
@@ -61,7 +62,7 @@ PLATFORM = Keys(
 )
 
 
-def read_platform(source: Source, name: str = "platform") -> PlatformFile:
+def read_platform(source: Source, name: str = "platform") -> PlacedPlatform:
     """Read a platform file.
 
     Args:
@@ -87,4 +88,4 @@ def read_platform(source: Source, name: str = "platform") -> PlatformFile:
             half_axes = scale * table["half_axes"]
             axes = table.rotation("axes_", np.eye(3))
             ellipsoid = table.make(OperationEllipsoid, center, axes, half_axes)
-        return PlatformFile(platform, position, rotation, ellipsoid)
+        return PlacedPlatform(platform, position, rotation, ellipsoid)

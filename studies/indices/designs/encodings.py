@@ -16,7 +16,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
-from ocptip.indices.smooth import (
+from ocptip.indices.arms.symbolic import (
     Symbolic,
     by_scalars,
     isotropy_surrogate,

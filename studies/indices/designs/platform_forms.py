@@ -15,9 +15,9 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
+from ocptip.indices.arms.symbolic import Symbolic, isotropy_surrogate
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import MINIMUM_LEGS, StewartPlatform, centroid_and_extent
-from ocptip.indices.smooth import Symbolic, isotropy_surrogate
 from ocptip.parallel.description.frames import euler_rotation
 from studies.indices.designs.encodings import ConstraintBlock, Method, psd_constraint, ratio_constraint
 

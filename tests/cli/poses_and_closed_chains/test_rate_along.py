@@ -14,8 +14,8 @@ from ocptip.cli.main import main
 from ocptip.indices.arms.axes import arm_pose
 from ocptip.indices.arms.distance import singularity_distance
 from ocptip.indices.arms.values import index_values
+from ocptip.indices.platforms.controllability import control_numbers
 from ocptip.indices.platforms.parallel_robots import ParallelIndices, platform_of_robot, rate_parallel
-from ocptip.indices.platforms.workspace import control_numbers
 from ocptip.parallel.analysis.workspace import workspace
 from ocptip.parallel.description.ready_made import READY_MADE, rpr3, rrr3, ups6
 from ocptip.parallel.robot import ParallelRobot

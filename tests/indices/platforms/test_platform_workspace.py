@@ -4,9 +4,8 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.platforms.controllability import control_number
+from ocptip.indices.platforms.controllability import control_number, control_numbers
 from ocptip.indices.platforms.platform import StewartPlatform
-from ocptip.indices.platforms.workspace import control_numbers
 from studies.indices.designs.flight_simulator import OPTIMAL_CTN, FlightSimulator
 from tests.indices.sample_platforms import LEGS, SEEDS
 from tests.quick import examples

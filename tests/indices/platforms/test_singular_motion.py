@@ -6,8 +6,8 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
+from ocptip.indices.platforms.controllability import singular_motion
 from ocptip.indices.platforms.platform import PlatformPose
-from ocptip.indices.platforms.singular_motion import singular_motion
 from studies.indices.designs.flight_simulator import FlightSimulator
 from tests.indices.sample_platforms import SEEDS, flat_pose, moved, random_motion, random_pose
 from tests.quick import examples

@@ -29,7 +29,7 @@ from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.parallel.description.frames import Frame, compose, inverse, rotation_angles, rotation_vector
 from ocptip.parallel.description.platform import COORDINATES, BodyInertia, Platform, product_of
 from ocptip.parallel.description.robot_description import RobotDescription, SerialLeg
-from ocptip.parallel.formats.export import Skeleton, joint_name, link_name
+from ocptip.parallel.export import Skeleton, joint_name, link_name
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.robot import ParallelRobot
 from tests.oracles.parallel_urdf.assembly import closed_home, free_coordinates, platform_frame

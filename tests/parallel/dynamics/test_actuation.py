@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.parallel.code.lean import lean_function
-from ocptip.parallel.dynamics.actuation import limited_motor_forces, motor_forces
+from ocptip.parallel.dynamics.terms import limited_motor_forces, motor_forces
 from tests.parallel.parallel_cases import error, random_state
 from tests.quick import examples, some
 

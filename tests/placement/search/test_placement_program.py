@@ -7,9 +7,8 @@ from scipy.spatial.transform import Rotation
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.ground import Bump, HeightField, Wave
 from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad, Weights
-from ocptip.placement.search.elastic import ElasticProgram
 from ocptip.placement.search.physics import PatchPhysics, near_gaps, pieces
-from ocptip.placement.search.program import PlacementProgram
+from ocptip.placement.search.program import ElasticProgram, PlacementProgram
 from ocptip.placement.terrain import plane, rough_ground
 from ocptip.robots.geometry import Pillar, Wall
 from ocptip.robots.kinematics import gripper_pose

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from scipy.linalg import eigh
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.smooth import isotropy_surrogate, soft_smallest_eigenvalue
+from ocptip.indices.arms.symbolic import isotropy_surrogate, soft_smallest_eigenvalue
 from studies.indices.designs.encodings import PIVOT_MARGIN, psd_constraint, ratio_constraint
 from tests.indices.sample_platforms import SEEDS
 from tests.quick import examples

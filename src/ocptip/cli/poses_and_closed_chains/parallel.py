@@ -30,9 +30,9 @@ from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.code.texts import latex_text, matlab_text
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.dynamics.base_parameters import NumericBaseParameters, numeric_base_parameters
-from ocptip.parallel.formats.export import to_urdf
-from ocptip.parallel.formats.mjcf import to_mjcf
+from ocptip.parallel.export import to_urdf
 from ocptip.parallel.minimal_form import joint_functions
+from ocptip.parallel.mjcf import to_mjcf
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import read_robot
 

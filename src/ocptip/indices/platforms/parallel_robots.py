@@ -14,8 +14,8 @@ from ocptip.basics.errors import InputError, finite_array
 from ocptip.indices.meanings import PARALLEL, PLATFORM, IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number
-from ocptip.indices.platforms.platform import PlanarPlatformPose, PlatformFile, StewartPlatform
-from ocptip.indices.platforms.reviewed import RatedPose, rate_platform
+from ocptip.indices.platforms.platform import PlanarPlatformPose, StewartPlatform
+from ocptip.indices.platforms.reviewed import PlacedPlatform, rate_platform
 from ocptip.parallel.analysis.workspace import motor_volume
 from ocptip.parallel.description.platform import value_of
 from ocptip.parallel.description.robot_description import PRISMATIC, RobotDescription, SerialLeg
@@ -24,7 +24,7 @@ from ocptip.parallel.robot import ParallelRobot
 _SPATIAL, _PLANAR = (True,) * 6, (True, True, False, False, False, True)
 
 
-def platform_of_robot(robot: RobotDescription) -> PlatformFile:
+def platform_of_robot(robot: RobotDescription) -> PlacedPlatform:
     """Anchors and home pose of a 6UPS (or nUPS) robot.
 
     Raises:
@@ -33,7 +33,7 @@ def platform_of_robot(robot: RobotDescription) -> PlatformFile:
     base, moving = _anchors(robot, _SPATIAL, "UPS", 3)
     home = robot.home
     rotation = Rotation.from_euler(robot.platform.convention.upper(), home[3:]).as_matrix()
-    return PlatformFile(StewartPlatform(base, moving, robot.name), home[:3].copy(), rotation, None)
+    return PlacedPlatform(StewartPlatform(base, moving, robot.name), home[:3].copy(), rotation, None)
 
 
 def planar_pose_of_robot(robot: RobotDescription, coordinates: object = None) -> PlanarPlatformPose:
@@ -126,10 +126,10 @@ class ParallelIndices:
             table["ctn"] = control_number(planar_pose_of_robot(self.robot.description, z)).value
         return {name: table[name] for name in wanted}
 
-    def rated(self, z: np.ndarray) -> RatedPose:
+    def rated(self, z: np.ndarray) -> PlacedPlatform:
         """A hexapod as platform in a pose."""
         assert self.platform is not None
-        return RatedPose(self.platform, *self.robot.kinematics.pose(z), self.ellipsoid)
+        return PlacedPlatform(self.platform, *self.robot.kinematics.pose(z), self.ellipsoid)
 
     def _of_motors(self, z: np.ndarray) -> dict[str, float]:
         q = self.robot.ik(z).q

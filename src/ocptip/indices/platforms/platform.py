@@ -16,13 +16,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
 from ocptip.basics.frozen import settle
-from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.reviewed import RANK_TOLERANCE
 from ocptip.numerics.vectors import cross, skew
 
@@ -70,10 +70,27 @@ class StewartPlatform:
         rotation = np.eye(3) if rotation is None else rotation_matrix("rotation", rotation)
         return PlatformPose(self.base, self.platform @ rotation.T + position)
 
+    def anchors(self, positions: ArrayLike, rotations: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+        """Base and platform anchors (N, n, 3) in the base frame, m, of many poses; arguments as for `at`."""
+        t = np.atleast_2d(
+            finite_array("positions", positions, (3,) if np.ndim(positions) == 1 else (None, 3))
+        )
+        shape = (3, 3) if np.ndim(rotations) == 2 else (None, 3, 3)
+        R = finite_array("rotations", rotations, shape).reshape(-1, 3, 3)
+        if len(R) and np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max() > 1e-9:
+            raise InputError("rotations: no rotation matrices")
+        if len(t) != len(R) and 1 not in (len(t), len(R)):
+            raise InputError(f"rotations: expected {len(t)} as positions, got {len(R)}")
+        moved = self.platform @ R.transpose(0, 2, 1) + t[:, None, :]
+        return np.broadcast_to(self.base, moved.shape), moved
+
 
 @dataclass(frozen=True, eq=False)
 class AnchoredPose:
-    """All anchor points of a platform in a pose; in space :class:`PlatformPose`, or in the plane."""
+    """All anchor points of a platform in a pose; in space :class:`PlatformPose`, or in the plane.
+
+    Of many poses at once (`of_many`) all arrays have a leading dimension.
+    """
 
     base: np.ndarray
     platform: np.ndarray
@@ -85,10 +102,17 @@ class AnchoredPose:
         settle(self, **anchor_pair(self.base, self.platform, self._DIMENSION, self._FEWEST_LEGS))
         refuse_zero_legs(self.lengths, self.scale[1])
 
+    @classmethod
+    def of_many(cls, base: np.ndarray, platform: np.ndarray) -> Self:
+        """Poses with anchors (N, n, dimension), without checks."""
+        poses = object.__new__(cls)
+        settle(poses, base=base, platform=platform)
+        return poses
+
     @property
     def n_legs(self) -> int:
         """Number of legs."""
-        return len(self.base)
+        return self.base.shape[-2]
 
     @cached_property
     def legs(self) -> np.ndarray:
@@ -98,7 +122,7 @@ class AnchoredPose:
     @cached_property
     def lengths(self) -> np.ndarray:
         """(n,) leg lengths, m."""
-        return np.sqrt(np.einsum("ij,ij->i", self.legs, self.legs))
+        return np.sqrt(np.einsum("...ij,...ij->...i", self.legs, self.legs))
 
     @cached_property
     def jacobian(self) -> np.ndarray:
@@ -106,17 +130,15 @@ class AnchoredPose:
         raise NotImplementedError
 
     @cached_property
-    def scale(self) -> tuple[np.ndarray, float]:
+    def scale(self) -> tuple[np.ndarray, Any]:
         """Centroid of all anchors and their rms distance from it: origin and unit for the numerics."""
         return centroid_and_extent(self.base, self.platform)
 
     @cached_property
     def scaled(self) -> Self:
         """The same pose with the centroid as origin and the extent as unit length; not checked again."""
-        centre, extent = self.scale
-        copy = object.__new__(type(self))
-        settle(copy, base=(self.base - centre) / extent, platform=(self.platform - centre) / extent)
-        return copy
+        centre, extent = self.scale[0][..., None, :], np.asarray(self.scale[1])[..., None, None]
+        return self.of_many((self.base - centre) / extent, (self.platform - centre) / extent)
 
     @cached_property
     def singular_values(self) -> np.ndarray:
@@ -141,24 +163,23 @@ class PlatformPose(AnchoredPose):
     @cached_property
     def spears(self) -> np.ndarray:
         """(n, 6) legs as oriented lines: unit direction, then moment about the origin in m."""
-        directions = self.legs / self.lengths[:, None]
-        return np.hstack([directions, cross(self.base, directions)])
+        directions = self.legs / self.lengths[..., None]
+        return np.concatenate([directions, cross(self.base, directions)], axis=-1)
 
     @cached_property
     def jacobian(self) -> np.ndarray:
         """J: (n, 6) leg rates per screw; row i is (moment, direction) of leg i (2.7)."""
-        return self.spears[:, [3, 4, 5, 0, 1, 2]]
+        return self.spears[..., [3, 4, 5, 0, 1, 2]]
 
     @cached_property
     def passive_map(self) -> np.ndarray:
         """A: (6 n, 6) angular velocities of all unactuated joints per screw, 1/s; |A q|^2 = sum of (6.5)."""
-        directions, inverse = self.spears[:, :3], 1.0 / self.lengths
-        across = skew(directions * inverse[:, None])
-        rows = np.empty((2, self.n_legs, 3, 6))
+        across = skew(self.spears[..., :3] / self.lengths[..., None])
+        rows = np.empty((*self.base.shape[:-2], 2, self.n_legs, 3, 6))
         for k, points in enumerate((self.platform, self.base)):
-            rows[k, :, :, :3] = -across @ skew(points)
-            rows[k, :, :, 3:] = across
-        return rows.reshape(-1, 6)
+            rows[..., k, :, :, :3] = -across @ skew(points)
+            rows[..., k, :, :, 3:] = across
+        return rows.reshape(*self.base.shape[:-2], -1, 6)
 
     @cached_property
     def N(self) -> np.ndarray:
@@ -211,6 +232,12 @@ def anchor_pair(base: object, platform: object, dimension: int, minimum: int) ->
     return {"base": base, "platform": platform}
 
 
+def legs_exist(base: np.ndarray, platform: np.ndarray) -> np.ndarray:
+    """(N,) True where all legs between anchors (N, n, 3) have a length."""
+    lengths = np.linalg.norm(platform - base, axis=-1)
+    return lengths.min(axis=-1) > LEG_TOLERANCE * centroid_and_extent(base, platform)[1]
+
+
 def refuse_zero_legs(lengths: np.ndarray, extent: float) -> None:
     """Raise InputError if a leg has no direction: shorter than rounding compared with the extent."""
     short = int(lengths.argmin())
@@ -221,29 +248,12 @@ def refuse_zero_legs(lengths: np.ndarray, extent: float) -> None:
         )
 
 
-def centroid_and_extent(base: np.ndarray, platform: np.ndarray) -> tuple[np.ndarray, float]:
-    """Centroid of both anchor sets and root mean square distance from it."""
-    points = np.concatenate([base, platform])
-    centre = points.sum(axis=0) / len(points)
-    arms = (points - centre).ravel()
-    return centre, float(np.sqrt(arms @ arms / len(points)))
-
-
-@dataclass(frozen=True, eq=False)
-class PlatformFile:
-    """Content of a platform file, SI units.
-
-    Attributes:
-        platform: the anchors.
-        position, rotation: (3,) m and (3, 3): home pose; without one in the file the platform frame lies in
-            the base frame.
-        ellipsoid: operation ellipsoid in the platform frame, or None.
-    """
-
-    platform: StewartPlatform
-    position: np.ndarray
-    rotation: np.ndarray
-    ellipsoid: OperationEllipsoid | None
+def centroid_and_extent(base: np.ndarray, platform: np.ndarray) -> tuple[np.ndarray, Any]:
+    """Centroid (..., 3) of both anchor sets and root mean square distance (...) from it."""
+    points = np.concatenate([base, platform], axis=-2)
+    centre = points.sum(axis=-2) / points.shape[-2]
+    arms = points - centre[..., None, :]
+    return centre, np.sqrt(np.einsum("...ij,...ij->...", arms, arms) / points.shape[-2])
 
 
 PLANAR_LEGS = 3

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError, finite_array, positive_number, rotation_matrix
 from ocptip.basics.write import Record
@@ -193,7 +194,9 @@ def rate_platform(
     Raises:
         InputError: no rotation matrix, or a leg of length zero.
     """
-    rated = RatedPose(platform, position, rotation, ellipsoid)
+    position = finite_array("position", position, (3,))
+    rotation = np.eye(3) if rotation is None else rotation_matrix("rotation", rotation)
+    rated = PlacedPlatform(platform, position, rotation, ellipsoid)
     values, pose, spread = rated.values(PLATFORM), rated.pose, rated.spread
     special = {}
     if ellipsoid is None:
@@ -210,22 +213,36 @@ def rate_platform(
     ]
 
 
-class RatedPose:
-    """A platform in a pose, whose indices are computed when they are asked for.
+@dataclass(frozen=True, eq=False)
+class PlacedPlatform:
+    """A platform in a pose with its tool; indices are computed when they are asked for.
 
-    Arguments as for :func:`rate_platform`; InputError likewise.
+    Attributes:
+        platform: the anchors.
+        position: (3,) origin of the platform frame in the base frame, m.
+        rotation: (3, 3) platform frame to base frame.
+        ellipsoid: operation ellipsoid in the platform frame, or None.
     """
 
-    def __init__(
-        self,
-        platform: StewartPlatform,
-        position: ArrayLike = (0.0, 0.0, 0.0),
-        rotation: ArrayLike | None = None,
-        ellipsoid: OperationEllipsoid | None = None,
-    ) -> None:
-        self.position = finite_array("position", position, (3,))
-        self.rotation = np.eye(3) if rotation is None else rotation_matrix("rotation", rotation)
-        self.pose, self.ellipsoid = platform.at(self.position, self.rotation), ellipsoid
+    platform: StewartPlatform
+    position: np.ndarray
+    rotation: np.ndarray
+    ellipsoid: OperationEllipsoid | None = None
+
+    @cached_property
+    def pose(self) -> PlatformPose:
+        """All anchors in the base frame; InputError: no rotation matrix, or a leg of length zero."""
+        return self.platform.at(self.position, self.rotation)
+
+    def moved(
+        self, pose: np.ndarray | None = None, ellipsoid: OperationEllipsoid | None = None
+    ) -> PlacedPlatform:
+        """With another pose (6,), position and rotation vector, m and rad, or tool; what is None stays."""
+        ellipsoid = self.ellipsoid if ellipsoid is None else ellipsoid
+        if pose is None:
+            return replace(self, ellipsoid=ellipsoid)
+        turn = Rotation.from_rotvec(pose[3:]).as_matrix()
+        return PlacedPlatform(self.platform, pose[:3], turn, ellipsoid)
 
     def values(self, names: Iterable[str]) -> dict[str, float]:
         """Indices by names of `PLATFORM`; NaN where one is not rated, see :func:`rate_platform`."""
@@ -258,15 +275,15 @@ class RatedPose:
         return rigidity_rate(self.pose).angle if self.pose.n_legs == MINIMUM_LEGS else math.nan
 
 
-_VALUES: dict[str, Callable[[RatedPose], float]] = {
+_VALUES: dict[str, Callable[[PlacedPlatform], float]] = {
     "ctn": lambda rated: control_number(rated.pose).value,
-    "inv_cdn_oe": RatedPose._inv_cdn_oe,
-    "inv_cdn_cl": RatedPose._inv_cdn_cl,
-    "inv_cdn_points": RatedPose._inv_cdn_points,
+    "inv_cdn_oe": PlacedPlatform._inv_cdn_oe,
+    "inv_cdn_cl": PlacedPlatform._inv_cdn_cl,
+    "inv_cdn_points": PlacedPlatform._inv_cdn_points,
     "inv_cdn": lambda rated: inverse_condition_number(rated.pose),
     "manipulability": lambda rated: manipulability(rated.pose),
     "sigma_r": lambda rated: rated._complexes.sigma_r,
     "sigma_s": lambda rated: rated._complexes.sigma_s,
-    "rigidity_rate": RatedPose._rigidity_rate,
+    "rigidity_rate": PlacedPlatform._rigidity_rate,
 }
 """The functions that compute the indices, by name."""

@@ -2,7 +2,7 @@
 
 A grid over one to three platform coordinates, the others fixed: a constant-orientation workspace (over x, y,
 z), an orientation workspace (over angles), or anything between. Every pose is checked by itself, with the IK
-solutions of the legs in the home pose.
+solutions of the legs in the home pose. `ChainPosture` is one pose with joints, motors and singularities.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""The platform of a parallel robot, and the inertia of a body."""
+"""Entries of a robot's tables, rotations made of them; the platform, and the inertia of a body.
+
+A number is part of the structure (0 and multiples of pi/2 are exact), a named :class:`Parameter` stays a
+symbol in generated code.
+"""
 
 from __future__ import annotations
 

@@ -1,8 +1,11 @@
-"""Base parameters of a whole parallel robot, by numbers.
+"""Base parameters of a parallel robot: leg by leg in closed form, and those of the whole robot by numbers.
 
-The regressor of the generalised force is stacked over closed configurations of the robot; its rank is the
-number of base parameters. Equal legs show one parameter less than leg by leg: a point mass at the end of all
-legs cannot be separated from platform mass.
+Leg by leg by the rules of Gautier and Khalil: what a joint cannot tell apart moves to the body before it. Of
+a revolute joint that is a body of revolution about its axis, of a prismatic joint the whole inertia tensor.
+
+Of the whole robot the regressor of the generalised force is stacked over closed configurations of the robot;
+its rank is the number of base parameters. Equal legs show one parameter less than leg by leg: a point mass at
+the end of all legs cannot be separated from platform mass.
 """
 
 from __future__ import annotations

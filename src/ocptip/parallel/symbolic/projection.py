@@ -1,4 +1,4 @@
-"""Inverse dynamics of a parallel robot in minimal coordinates by coupling points, in symbols (3.37)-(3.54).
+"""Platform and inverse dynamics of a parallel robot by coupling points, in symbols (3.37)-(3.54).
 
 tau_s = tau_P + sum U_i^T J_Bi^-T tau_i is summed directly, without mass matrices. Motor forces come from the
 platform's equilibrium with the unactuated joints already free of moments, so that no leg Jacobian is inverted
@@ -361,7 +361,7 @@ class Projection:
         if len(motors) != m:
             raise InputError(
                 f"{self.description.name}: {len(motors)} motors for {m} free coordinates; motor forces are "
-                "not determined by the equations alone (see ocptip.parallel.dynamics.actuation)"
+                "not determined by the equations alone (see ocptip.parallel.dynamics.terms)"
             )
         forces: list[Vector] = []
         of_motor: dict[tuple[int, int], tuple[cs.SX, cs.SX, list[cs.SX]]] = {}

@@ -7,6 +7,7 @@ from dataclasses import replace
 import casadi as cs
 import numpy as np
 
+from ocptip.placement.limits.forces import Twice
 from ocptip.placement.limits.layout import Variables
 from ocptip.placement.limits.limit import (
     ANGLE_UNIT,
@@ -19,7 +20,6 @@ from ocptip.placement.limits.limit import (
     Symbols,
 )
 from ocptip.placement.limits.solids import needs_solids
-from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.stand import GAP_TOLERANCE
 from ocptip.robots.collision.model import geometry_of_spheres

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from ocptip.placement.limits.forces import Twice
 from ocptip.placement.limits.layout import Hessian, Point, Variables
 from ocptip.placement.limits.limit import CaseRows, PlacementLimit, RowLabel
-from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
 
 _SIGNS = (1.0, -1.0)

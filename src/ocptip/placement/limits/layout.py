@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.placement.limits.forces import ContactForces, Piece
-from ocptip.placement.limits.twice import Twice
+from ocptip.placement.limits.forces import ContactForces, Piece, Twice
 from ocptip.placement.power import TorqueCost
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.stand import Stand

@@ -16,8 +16,8 @@ import casadi as cs
 import numpy as np
 
 from ocptip.contact.states import ContactStates
+from ocptip.placement.limits.forces import Local
 from ocptip.placement.limits.layout import Hessian, Point, Variables
-from ocptip.placement.limits.twice import Local
 from ocptip.placement.problem import PlacementProblem, TaskLoad
 from ocptip.placement.stand import Stood
 from ocptip.placement.terrain import Patch

@@ -14,11 +14,10 @@ import numpy as np
 
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.arm import Clearance, Reach
-from ocptip.placement.limits.forces import ContactForces, Piece
+from ocptip.placement.limits.contact import wrench_of_forces
+from ocptip.placement.limits.forces import ContactForces, Local, Piece, Twice
 from ocptip.placement.limits.layout import corner_maps
 from ocptip.placement.limits.limit import Symbols
-from ocptip.placement.limits.placed import wrench_of_forces
-from ocptip.placement.limits.twice import Local, Twice
 from ocptip.placement.power import HoldingPower
 from ocptip.placement.problem import TaskLoad
 from ocptip.robots.dynamics import inverse_dynamics

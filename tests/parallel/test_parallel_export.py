@@ -19,8 +19,8 @@ from ocptip.cli.poses_and_closed_chains import parallel as command
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.ready_made import delta, prrr4, rpr3, rrr3, ups6
-from ocptip.parallel.formats.export import to_urdf
-from ocptip.parallel.formats.mjcf import to_mjcf
+from ocptip.parallel.export import to_urdf
+from ocptip.parallel.mjcf import to_mjcf
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.simulation import simulate
 from tests.oracles.parallel_urdf.reader import urdf_cuts, urdf_home

@@ -11,7 +11,7 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.parallel.description.frames import PlatformCoordinates
 from ocptip.parallel.description.ready_made import READY_MADE, delta, rpr3, rrr3, ups6
-from ocptip.parallel.formats.export import to_urdf
+from ocptip.parallel.export import to_urdf
 from ocptip.parallel.kinematics.closed_form import leg_type
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.robot import ParallelRobot

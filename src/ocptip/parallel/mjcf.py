@@ -34,7 +34,7 @@ from ocptip.parallel.description.frames import (
 )
 from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.robot_description import FIXED, REVOLUTE, RobotDescription
-from ocptip.parallel.formats.export import (
+from ocptip.parallel.export import (
     BASE,
     PLATFORM,
     SKETCH_RADIUS,

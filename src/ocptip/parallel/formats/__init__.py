@@ -1,1 +1,0 @@
-"""Parallel robots from and to URDF and MJCF."""
