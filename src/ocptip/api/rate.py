@@ -222,9 +222,10 @@ def rate_along(
         name, turns = placed.platform.name, [False] * 3 + [True] * 3
         names, regular = platform_indices(indices, placed.ellipsoid), ("ctn",)
 
-        def rate_pose(pose: np.ndarray, names: Iterable[str]) -> Mapping[str, float]:
+        def of_platform(pose: np.ndarray, names: Iterable[str]) -> Mapping[str, float]:
             return placed.moved(pose).values(names)
 
+        rate_pose = of_platform
     times, poses = _columns(file, turns)
     rows = []
     for row, pose in enumerate(poses, start=1):

@@ -7,9 +7,7 @@ links `leg1_link1` by the leg's rows, joints `leg1_joint1`, `platform`. Joint po
 
 from __future__ import annotations
 
-import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,11 +15,12 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import MARK
 from ocptip.parallel.description.frames import Frame, central_inertia, compose, row_frame
-from ocptip.parallel.description.platform import BodyInertia, elementary_rotation
+from ocptip.parallel.description.platform import BodyInertia
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics
 from ocptip.parallel.robot import ParallelRobot
+from ocptip.robots.simulators import add, text, urdf_joint, urdf_link
 
 _LIMIT = "1000000"
 
@@ -48,11 +47,11 @@ def to_urdf(robot: ParallelRobot | RobotDescription) -> str:
     for i in range(len(skeleton.legs)):
         _leg(root, skeleton, i)
     _link(root, PLATFORM, skeleton.description.platform.inertia, skeleton.platform_points())
-    _fixed_joint(root, f"{PLATFORM}_mount", link_name(*skeleton.carrier), PLATFORM, skeleton.mount)
+    _joint(root, f"{PLATFORM}_mount", "fixed", link_name(*skeleton.carrier), PLATFORM, skeleton.mount)
     for closure in skeleton.closures:
         if closure.other is None:
             _link(root, closure.name, BodyInertia(), [])
-            _fixed_joint(root, f"{closure.name}_mount", PLATFORM, closure.name, closure.frame)
+            _joint(root, f"{closure.name}_mount", "fixed", PLATFORM, closure.name, closure.frame)
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
@@ -72,7 +71,7 @@ def _leg(root: ET.Element, skeleton: Skeleton, i: int) -> None:
     leg = skeleton.legs[i]
     foot = f"leg{i + 1}_base"
     _link(root, foot, BodyInertia(), [])
-    _fixed_joint(root, f"{foot}_mount", BASE, foot, skeleton.place(i))
+    _joint(root, f"{foot}_mount", "fixed", BASE, foot, skeleton.place(i))
     for k, (row, parent, joint) in enumerate(
         zip(leg.topology.rows, leg.topology.parents, leg.topology.joints, strict=True)
     ):
@@ -82,60 +81,34 @@ def _leg(root: ET.Element, skeleton: Skeleton, i: int) -> None:
         _link(root, link_name(i, k), body, skeleton.segments(i, k))
         before = foot if parent < 0 else link_name(i, parent)
         if joint is None:
-            _fixed_joint(root, f"leg{i + 1}_fixed{k + 1}", before, link_name(i, k), row_frame(row))
+            _joint(root, f"leg{i + 1}_fixed{k + 1}", "fixed", before, link_name(i, k), row_frame(row))
             continue
         kind = "continuous" if row.sigma == REVOLUTE else "prismatic"
         made = _joint(root, joint_name(i, joint), kind, before, link_name(i, k), row_frame(row))
-        ET.SubElement(made, "axis", xyz="0 0 1")
+        add(made, "axis", xyz="0 0 1")
         if kind == "prismatic":
-            ET.SubElement(made, "limit", lower="-1000", upper="1000", effort=_LIMIT, velocity=_LIMIT)
+            add(made, "limit", lower="-1000", upper="1000", effort=_LIMIT, velocity=_LIMIT)
         _, viscous, coulomb = skeleton.legs[i].drives[:, joint].tolist()
         if viscous or coulomb:
-            ET.SubElement(made, "dynamics", damping=repr(viscous), friction=repr(coulomb))
+            add(made, "dynamics", damping=text(viscous), friction=text(coulomb))
 
 
 def _link(root: ET.Element, name: str, body: BodyInertia, ends: list[np.ndarray]) -> None:
-    link = ET.SubElement(root, "link", name=name)
-    if not body.massless:
-        center, about = central_inertia(body)
-        inertial = ET.SubElement(link, "inertial")
-        ET.SubElement(inertial, "origin", xyz=numbers(center), rpy="0 0 0")
-        ET.SubElement(inertial, "mass", value=repr(float(body.mass)))
-        names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        values = about[np.triu_indices(3)]
-        ET.SubElement(inertial, "inertia", {n: repr(float(v)) for n, v in zip(names, values, strict=True)})
+    link = urdf_link(root, name, None if body.massless else (body.mass, *central_inertia(body)))
     for end in ends:
-        visual = ET.SubElement(link, "visual")
-        ET.SubElement(visual, "origin", xyz=numbers(end / 2), rpy=numbers(_towards(end)))
-        shape = ET.SubElement(visual, "geometry")
-        length = repr(float(np.linalg.norm(end)))
-        ET.SubElement(shape, "cylinder", radius=repr(SKETCH_RADIUS), length=length)
+        visual = add(link, "visual")
+        add(visual, "origin", xyz=text(end / 2), rpy=text(_towards(end)))
+        length = text(np.linalg.norm(end))
+        add(add(visual, "geometry"), "cylinder", radius=text(SKETCH_RADIUS), length=length)
 
 
 def _joint(root: ET.Element, name: str, kind: str, parent: str, child: str, frame: Frame) -> ET.Element:
-    joint = ET.SubElement(root, "joint", name=name, type=kind)
-    ET.SubElement(joint, "parent", link=parent)
-    ET.SubElement(joint, "child", link=child)
-    ET.SubElement(joint, "origin", xyz=numbers(frame[1]), rpy=numbers(_roll_pitch_yaw(frame[0])))
-    return joint
-
-
-def _fixed_joint(root: ET.Element, name: str, parent: str, child: str, frame: Frame) -> None:
-    _joint(root, name, "fixed", parent, child, frame)
-
-
-def _roll_pitch_yaw(R: np.ndarray) -> tuple[float, float, float]:
-    """Angles of R = Rz(yaw) Ry(pitch) Rx(roll), also where only roll - yaw counts."""
-    cosine = math.hypot(R[0, 0], R[1, 0])
-    pitch = math.atan2(-R[2, 0], cosine)
-    yaw = math.atan2(R[1, 0], R[0, 0]) if cosine > 1e-9 else 0.0
-    rest = (elementary_rotation("z", yaw) @ elementary_rotation("y", pitch)).T @ R
-    return math.atan2(rest[2, 1], rest[2, 2]), pitch, yaw
+    return urdf_joint(root, name, kind, parent, child, frame[1], frame[0])
 
 
 def _towards(end: np.ndarray) -> tuple[float, float, float]:
     """Roll, pitch, yaw that turn z onto a direction."""
-    return 0.0, math.atan2(math.hypot(end[0], end[1]), end[2]), math.atan2(end[1], end[0])
+    return 0.0, np.arctan2(np.hypot(end[0], end[1]), end[2]), np.arctan2(end[1], end[0])
 
 
 PLATFORM = "platform"
@@ -253,11 +226,6 @@ def link_name(leg: int, row: int) -> str:
 def joint_name(leg: int, joint: int) -> str:
     """Name of a joint; both from 0."""
     return f"leg{leg + 1}_joint{joint + 1}"
-
-
-def numbers(values: Iterable[float]) -> str:
-    """Numbers of an XML attribute, to the last digit."""
-    return " ".join(repr(float(v) + 0.0) for v in values)
 
 
 def _end_closure(ends: list[tuple[int, int, np.ndarray, np.ndarray | None]], k: int) -> Closure:

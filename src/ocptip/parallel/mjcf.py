@@ -20,7 +20,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import MARK
@@ -41,9 +40,9 @@ from ocptip.parallel.export import (
     Skeleton,
     joint_name,
     link_name,
-    numbers,
 )
 from ocptip.parallel.robot import ParallelRobot
+from ocptip.robots.simulators import inertial, quaternion, text
 
 _STEP = 0.001
 _GLUE = 10.0  # m, torquescale: bodies of legs turn easily, and MuJoCo sizes its stiffness by that
@@ -108,7 +107,7 @@ def to_mjcf(robot: ParallelRobot | RobotDescription) -> str:
     for number, (leg, joint) in enumerate(skeleton.description.actuated, start=1):
         ET.SubElement(actuator, "motor", name=f"motor{number}", joint=joint_name(leg, joint))
     home = [skeleton.home[leg][joint] for leg, joint in order]
-    ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="home", qpos=numbers(home))
+    ET.SubElement(ET.SubElement(root, "keyframe"), "key", name="home", qpos=text(home))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
@@ -211,10 +210,10 @@ def _body(
             "joint",
             name=joint_name(leg, joint),
             type="hinge" if sigma == REVOLUTE else "slide",
-            pos=numbers(frame[1]),
-            axis=numbers(frame[0][:, 2]),
-            ref=repr(float(skeleton.home[leg][joint])),
-            attrib={name: repr(float(value)) for name, value in terms.items() if value},
+            pos=text(frame[1]),
+            axis=text(frame[0][:, 2]),
+            ref=text(skeleton.home[leg][joint]),
+            attrib={name: text(value) for name, value in terms.items() if value},
         )
     _segments(element, solid.segments)
     for name, frame in solid.sites:
@@ -226,36 +225,22 @@ def _body(
 def _inertial(element: ET.Element, solid: _Solid) -> None:
     if not solid.joints and solid.inertia.massless:
         return  # rests, or is welded to a body with mass
-    moments, axes, center = _principal(solid.inertia)
+    body = solid.inertia.mass, *central_inertia(solid.inertia)
     if not _real(solid.inertia):
+        moments = np.linalg.eigvalsh(body[2])
         raise InputError(
             f"{solid.name}: MuJoCo cannot simulate this body (mass {solid.inertia.mass:.3g} kg, principal "
-            f"moments {numbers(moments.round(9))} kg m^2); every moving body needs mass and the moments of "
+            f"moments {text(moments.round(9))} kg m^2); every moving body needs mass and the moments of "
             "inertia of a real body"
         )
-    moments[2] = min(moments[2], moments[0] + moments[1])
-    ET.SubElement(
-        element,
-        "inertial",
-        mass=repr(float(solid.inertia.mass)),
-        diaginertia=numbers(moments),
-        **_pose((axes, center)),
-    )
-
-
-def _principal(body: BodyInertia) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Principal moments in rising order, their axes (3, 3), a right-handed system, and the centre of mass."""
-    center, about = central_inertia(body)
-    moments, axes = np.linalg.eigh(about)
-    axes[:, 2] *= np.sign(np.linalg.det(axes))
-    return moments, axes, center
+    inertial(element, body)
 
 
 def _real(body: BodyInertia) -> bool:
     """True if a body in three dimensions can have this inertia, and MuJoCo takes it."""
     if not body.mass > _LEAST:
         return False
-    moments = _principal(body)[0]
+    moments = np.linalg.eigvalsh(body.central)
     return bool(moments[0] > _LEAST and moments[0] + moments[1] >= moments[2] * (1 - _ROUNDING))
 
 
@@ -267,34 +252,33 @@ def _settings(root: ET.Element, skeleton: Skeleton) -> None:
     """Units, gravity, solver; stiff closures; a sketch that touches nothing."""
     ET.SubElement(root, "compiler", angle="radian", autolimits="false", inertiafromgeom="false")
     option: dict[str, Any] = {
-        "timestep": repr(_STEP),
+        "timestep": text(_STEP),
         "integrator": "implicitfast",
         "solver": "Newton",
         "tolerance": "1e-12",
     }
-    ET.SubElement(root, "option", gravity=numbers(skeleton.description.gravity), **option)
+    ET.SubElement(root, "option", gravity=text(skeleton.description.gravity), **option)
     defaults = ET.SubElement(root, "default")
-    ET.SubElement(defaults, "equality", solref=numbers([2 * _STEP, 1.0]), solimp="0.9999 0.9999 0.001 0.5 2")
+    ET.SubElement(defaults, "equality", solref=text([2 * _STEP, 1.0]), solimp="0.9999 0.9999 0.001 0.5 2")
     touchless: dict[str, Any] = {"contype": "0", "conaffinity": "0", "mass": "0"}
     colour = "0.4 0.5 0.6 1"
-    ET.SubElement(defaults, "geom", type="capsule", size=repr(SKETCH_RADIUS), rgba=colour, **touchless)
-    ET.SubElement(defaults, "site", size=repr(SKETCH_RADIUS / 2))
+    ET.SubElement(defaults, "geom", type="capsule", size=text(SKETCH_RADIUS), rgba=colour, **touchless)
+    ET.SubElement(defaults, "site", size=text(SKETCH_RADIUS / 2))
 
 
 def _equalities(root: ET.Element, skeleton: Skeleton) -> None:
     equality = ET.SubElement(root, "equality")
     for closure in skeleton.closures:
         sites: dict[str, Any] = {"site1": f"{closure.name}_leg", "site2": f"{closure.name}_other"}
-        glue: dict[str, Any] = {"torquescale": repr(_GLUE)} if closure.rigid else {}
+        glue: dict[str, Any] = {"torquescale": text(_GLUE)} if closure.rigid else {}
         ET.SubElement(equality, "weld" if closure.rigid else "connect", name=closure.name, **sites, **glue)
 
 
 def _segments(element: ET.Element, segments: Iterable[tuple[np.ndarray, np.ndarray]]) -> None:
     for start, end in segments:
-        ET.SubElement(element, "geom", fromto=numbers([*start, *end]))
+        ET.SubElement(element, "geom", fromto=text([*start, *end]))
 
 
 def _pose(frame: Frame) -> dict[str, Any]:
-    """Attributes pos and quat (w first)."""
-    x, y, z, w = Rotation.from_matrix(frame[0]).as_quat()
-    return {"pos": numbers(frame[1]), "quat": numbers([w, x, y, z])}
+    """Attributes pos and quat."""
+    return {"pos": text(frame[1]), "quat": text(quaternion(frame[0]))}

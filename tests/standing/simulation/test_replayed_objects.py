@@ -11,9 +11,9 @@ from ocptip.cli.main import main
 from ocptip.motion.files.plan_files import write_plan
 from ocptip.retiming.retime import retime
 from ocptip.robots.payload import Payload
+from ocptip.robots.simulators import SENSOR
 from ocptip.standing.objects import Object, cup
 from ocptip.standing.parts import Part
-from ocptip.standing.simulation.elements import SENSOR
 from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.simulation.objects import predicted_objects
 from ocptip.standing.simulation.replay import PrescribedModel, Simulator

@@ -11,7 +11,6 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.numerics.inertia import parallel_axis
 from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.frames import moved_inertia, rotation_angles
@@ -85,16 +84,14 @@ def _chain(model: ArmModel, q: list[cs.SX]) -> LegModel:
 
 def _grouped(model: ArmModel) -> np.ndarray:
     """(n, 10) XX .. M of the links about their frames; what joints 2.. cannot tell apart is moved inwards."""
-    table = np.zeros((model.n, 10))
-    for body, mass, centre, inertia in zip(table, model.masses, model.centres, model.inertias, strict=True):
-        body[:6] = (inertia + parallel_axis(mass, centre))[np.triu_indices(3)]
-        body[6:9], body[9] = mass * centre, mass
+    bodies = zip(model.masses, model.centres, model.inertias, strict=True)
+    table = np.array([BodyInertia.about_center(*body, grouped=True).vector for body in bodies])
 
     def moved(i: int, body: np.ndarray) -> np.ndarray:
         frame = model.rotations[i], model.offsets[i - 1]
         return moved_inertia(BodyInertia.from_vector(body), frame).vector
 
-    regroup(table, model.prismatic, moved, last=1)
+    regroup(table, model.prismatic.tolist(), moved, last=1)
     table[np.abs(table) < 1e-14 * np.abs(table).max()] = 0.0
     return table
 

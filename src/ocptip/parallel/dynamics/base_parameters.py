@@ -118,7 +118,8 @@ def _effective(description: RobotDescription, layout: InertiaLayout, kept: np.nd
     state, q, gravity = cs.SX.sym("z", m, 3), cs.SX.sym("q", n, legs), cs.SX.sym("gravity", 3)
     full = cs.vertcat(*(inertia[k] if kept[k] else cs.SX(0.0) for k in range(layout.size)))
     geometry = geometry_symbols(description)
-    arguments = Arguments(*cs.horzsplit(state), q, full, gravity, geometry=geometry)
+    pose, rates, accelerations = cs.horzsplit(state)
+    arguments = Arguments(pose, rates, accelerations, q, full, gravity, geometry=geometry)
     force = cs.SX()
     for frame in range(n, 0, -1):
         try:

@@ -19,11 +19,13 @@ from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.kinematics.leg_solver import (
     CLOSURE_TOLERANCE,
     Attempt,
+    Closing,
     LegSolver,
     continued,
-    damped_newton,
-    followed,
 )
+
+Rows = Sequence[np.ndarray]
+"""Per leg the closure rows that count."""
 
 _RANK = 1e-8
 _RESTARTS = 4
@@ -44,11 +46,6 @@ class Restraint:
 
     G: np.ndarray
     m: int
-
-    @property
-    def K(self) -> np.ndarray:
-        """(k, m): d' = K z', angles as lengths."""
-        return -np.linalg.pinv(self.G[:, self.m :], rcond=_RANK) @ self.G[:, : self.m]
 
     @property
     def held(self) -> float:
@@ -98,18 +95,18 @@ class DependentCoordinates:
         """
         if guess is not None:
             near = self._from_joints(z, guess)[0]
-            result = self._newton(np.concatenate([*guess, near]), z)
+            result = self._closing(z).solved(np.concatenate([*guess, near]))
             if self._closed(result):
                 return result, "guess"
         else:
-            way = continued(self._home_u, lambda u, share: self._followed(u, self._way(z, share)))
+            way = continued(self._home_u, lambda u, share: self._closing(self._way(z, share)).followed(u))
             if way is not None:
                 return way, "home"
         rng = np.random.default_rng(_SEED)
         error = np.inf
         for number in range(_RESTARTS):
             start = self._home_u + (_SPREAD * rng.uniform(-1, 1, len(self._home_u)) if number else 0.0)
-            result = self._newton(start, z)
+            result = self._closing(z).solved(start)
             if self._closed(result):
                 return result, "search"
             error = min(error, result[1])
@@ -180,7 +177,7 @@ class DependentCoordinates:
         for leg in self._legs:
             leg.assemble(r, R, np.zeros(0))
         u = np.concatenate([*(leg.home for leg in self._legs), d])
-        result = self._newton(u, self._home_z)
+        result = self._closing(self._home_z).solved(u)
         if not self._closed(result):
             raise InputError(
                 f"home: the legs do not close: error {result[1]:.2g} (m, rad) with {self._names} near "
@@ -199,19 +196,8 @@ class DependentCoordinates:
             return d
         rows = [leg.whole_rows for leg in self._legs]
 
-        def error(u: np.ndarray) -> np.ndarray:
-            q, along = self.split(u)
-            r, R = self._platform.pose(np.concatenate([self._home_z, along]))
-            parts = zip(self._legs, q, rows, strict=True)
-            return np.concatenate(
-                [leg.residual(joints, r, R)[closing_rows] for leg, joints, closing_rows in parts]
-            )
-
-        def slope(u: np.ndarray) -> np.ndarray:
-            return self._slope(u, self._home_z, rows)
-
         u = np.concatenate([*(start for start, _, _ in starts), d])
-        attempt = damped_newton(u, range(len(u)), error, slope)
+        attempt = self._closing(self._home_z, rows).solved(u)
         if not self._closed(attempt):
             raise InputError(
                 f"home: the legs do not reach their coupling points: error {attempt[1]:.2g} m with "
@@ -221,16 +207,12 @@ class DependentCoordinates:
 
     def _from_joints(self, z: np.ndarray, q: Sequence[np.ndarray]) -> Attempt:
         """d from joint positions."""
-        u = np.concatenate([*q, self.home])
-        first = self._starts[-1]
-
-        def error(d: np.ndarray) -> np.ndarray:
-            return self._error(np.concatenate([u[:first], d]), z)
-
-        def slope(d: np.ndarray) -> np.ndarray:
-            return self._slope(np.concatenate([u[:first], d]), z)[:, first:]
-
-        return damped_newton(u[first:], range(self._k), error, slope)
+        joints, first = np.concatenate(q), self._starts[-1]
+        return Closing(
+            range(self._k),
+            lambda d: self._error(np.concatenate([joints, d]), z),
+            lambda d: self._slope(np.concatenate([joints, d]), z)[:, first:],
+        ).solved(self.home)
 
     def _way(self, z: np.ndarray, share: float) -> np.ndarray:
         return z if share == 1.0 else self._home_z + share * (z - self._home_z)
@@ -238,24 +220,22 @@ class DependentCoordinates:
     def _closed(self, attempt: Attempt) -> bool:
         return attempt[1] <= CLOSURE_TOLERANCE * self._scale
 
-    def _newton(self, u: np.ndarray, z: np.ndarray) -> Attempt:
-        return damped_newton(u, range(len(u)), lambda v: self._error(v, z), lambda v: self._slope(v, z))
-
-    def _followed(self, u: np.ndarray, z: np.ndarray) -> Attempt | None:
-        return followed(
-            u,
-            range(len(u)),
-            lambda v: self._error(v, z),
-            lambda v: self._slope(v, z),
+    def _closing(self, z: np.ndarray, rows: Rows | None = None) -> Closing:
+        """The closures of all legs, or some of their rows."""
+        return Closing(
+            range(self._starts[-1] + self._k),
+            lambda u: self._error(u, z, rows),
+            lambda u: self._slope(u, z, rows),
             CLOSURE_TOLERANCE * self._scale,
         )
 
-    def _error(self, u: np.ndarray, z: np.ndarray) -> np.ndarray:
+    def _error(self, u: np.ndarray, z: np.ndarray, rows: Rows | None = None) -> np.ndarray:
         q, d = self.split(u)
         r, R = self._platform.pose(np.concatenate([z, d]))
-        return np.concatenate([leg.residual(joints, r, R) for leg, joints in zip(self._legs, q, strict=True)])
+        errors = [leg.residual(joints, r, R) for leg, joints in zip(self._legs, q, strict=True)]
+        return np.concatenate(errors if rows is None else [e[k] for e, k in zip(errors, rows, strict=True)])
 
-    def _slope(self, u: np.ndarray, z: np.ndarray, rows: Sequence[np.ndarray] | None = None) -> np.ndarray:
+    def _slope(self, u: np.ndarray, z: np.ndarray, rows: Rows | None = None) -> np.ndarray:
         q, d = self.split(u)
         w = np.concatenate([z, d])
         _, R = self._platform.pose(w)

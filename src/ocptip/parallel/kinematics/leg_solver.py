@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -99,14 +100,11 @@ class LegSolver(LegClosure):
         elif leg_type(self.leg) and not self.locked:
             return self.solve(r, R, None, locked), "home"
         else:
-            continued = self._continued(way)
-            if continued is not None:
-                return continued, "home"
+            # in steps so short that the assembly stays
+            attempt = continued(self.home, lambda q, share: self.followed(q, *way(share)))
+            if attempt is not None:
+                return attempt, "home"
         return self.solve(r, R, guess, locked), "search"
-
-    def _continued(self, way: Way) -> Attempt | None:
-        """From home along the path in steps so short that the assembly stays; None where it cannot."""
-        return continued(self.home, lambda q, share: self.followed(q, *way(share)))
 
     def followed(self, q: np.ndarray, r: np.ndarray, R: np.ndarray, locked: np.ndarray) -> Attempt | None:
         """Joint positions at a pose nearby; None if they do not close the leg, or lie off the tangent."""
@@ -114,13 +112,7 @@ class LegSolver(LegClosure):
         start[self.locked] = locked
         if not self.free:
             return start, 0.0, 0
-        return followed(
-            start,
-            self.free,
-            lambda values: self.residual(values, r, R),
-            lambda values: self.jacobian(values)[0][:, self.free],
-            CLOSURE_TOLERANCE * self.length,
-        )
+        return self._closing(r, R, self.free).followed(start)
 
     def nearest(self, r: np.ndarray, R: np.ndarray) -> Attempt:
         """Joint positions (n,) whose coupling point comes nearest, coupling joints as guessed or at zero, and
@@ -252,28 +244,25 @@ class LegSolver(LegClosure):
             yield rng.uniform(-np.pi, np.pi, self.point)
 
     def _newton(self, q: np.ndarray, r: np.ndarray, R: np.ndarray, free: list[int]) -> Attempt:
-        if not free:
-            return q, 0.0, 0
+        return self._closing(r, R, free).solved(q) if free else (q, 0.0, 0)
 
-        def error(values):
-            return self.residual(values, r, R)
-
-        def slope(values):
-            return self.jacobian(values)[0][:, free]
-
-        return damped_newton(q, free, error, slope)
+    def _closing(self, r: np.ndarray, R: np.ndarray, free: list[int]) -> Closing:
+        return Closing(
+            free,
+            lambda q: self.residual(q, r, R),
+            lambda q: self.jacobian(q)[0][:, free],
+            CLOSURE_TOLERANCE * self.length,
+        )
 
     def _local_target(self, r: np.ndarray, R: np.ndarray) -> np.ndarray:
         return self.base.T @ (r + R @ self.couplings[0] - self.origin)
 
     def _newton_point(self, q: np.ndarray, target: np.ndarray, free: Sequence[int]) -> Attempt:
-        def error(values):
-            return self._point_error(values, target)
-
-        def slope(values):
-            return self.point_jacobian(values, (0, 1, 2))[:, free]
-
-        return damped_newton(q, free, error, slope)
+        return Closing(
+            free,
+            lambda q: self._point_error(q, target),
+            lambda q: self.point_jacobian(q, (0, 1, 2))[:, free],
+        ).solved(q)
 
     def _point_error(self, q: np.ndarray, target: np.ndarray) -> np.ndarray:
         return self.frames(self.padded(q))[1][self.end_rows[0]] - target
@@ -307,54 +296,57 @@ def continued(start: np.ndarray, follow: Callable[[np.ndarray, float], Attempt |
     return q, error, used
 
 
-def followed(
-    start: np.ndarray,
-    free: Sequence[int],
-    error: Callable[[np.ndarray], np.ndarray],
-    slope: Callable[[np.ndarray], np.ndarray],
-    tolerance: float,
-) -> Attempt | None:
-    """A solution nearby by one step along the tangent and Newton's method; None if it is not one to the
-    tolerance, or lies off the tangent."""
-    first = start.copy()
-    step = np.linalg.lstsq(slope(start), -error(start), rcond=1e-10)[0]
-    size = np.abs(step).max(initial=0.0)
-    if size > STEP_LIMIT:
-        return None
-    first[free] += step
-    q, remaining, used = damped_newton(first, free, error, slope)
-    if remaining > tolerance or np.abs(q - first).max() > _CURVATURE * size + CLOSURE_TOLERANCE:
-        return None
-    return q, remaining, used + 1
+@dataclass(frozen=True)
+class Closing:
+    """Equations that some joints close by the Gauss-Newton method.
 
+    Attributes:
+        free: numbers of the unknowns that move.
+        error: closure errors of all unknowns; slope: their derivatives by the free ones.
+        tolerance: largest error that counts as closed.
+    """
 
-def damped_newton(
-    q: np.ndarray,
-    free: Sequence[int],
-    error: Callable[[np.ndarray], np.ndarray],
-    slope: Callable[[np.ndarray], np.ndarray],
-) -> Attempt:
-    """Gauss-Newton with a step limit and halving; stops where there is no progress."""
-    q = np.array(q, dtype=float)
-    h = error(q)
-    size, slow, iteration = np.linalg.norm(h), 0, 0
-    for iteration in range(_ITERATIONS):
-        if size < _EXACT:
-            return q, float(np.abs(h).max()), iteration
-        step = np.linalg.lstsq(slope(q), -h, rcond=1e-10)[0]
-        step *= min(1.0, STEP_LIMIT / max(np.abs(step).max(), 1e-300))
-        for _ in range(12):
-            trial = q.copy()
-            trial[free] += step
-            h_trial = error(trial)
-            size_trial = np.linalg.norm(h_trial)
-            if size_trial < size:
+    free: Sequence[int]
+    error: Callable[[np.ndarray], np.ndarray]
+    slope: Callable[[np.ndarray], np.ndarray]
+    tolerance: float = CLOSURE_TOLERANCE
+
+    def followed(self, start: np.ndarray) -> Attempt | None:
+        """A solution nearby by one step along the tangent and Newton's method; None if it is not one to the
+        tolerance, or lies off the tangent."""
+        first = start.copy()
+        step = np.linalg.lstsq(self.slope(start), -self.error(start), rcond=1e-10)[0]
+        size = np.abs(step).max(initial=0.0)
+        if size > STEP_LIMIT:
+            return None
+        first[self.free] += step
+        q, remaining, used = self.solved(first)
+        if remaining > self.tolerance or np.abs(q - first).max() > _CURVATURE * size + CLOSURE_TOLERANCE:
+            return None
+        return q, remaining, used + 1
+
+    def solved(self, q: np.ndarray) -> Attempt:
+        """With a step limit and halving; stops where there is no progress."""
+        q = np.array(q, dtype=float)
+        h = self.error(q)
+        size, slow, iteration = np.linalg.norm(h), 0, 0
+        for iteration in range(_ITERATIONS):
+            if size < _EXACT:
+                return q, float(np.abs(h).max()), iteration
+            step = np.linalg.lstsq(self.slope(q), -h, rcond=1e-10)[0]
+            step *= min(1.0, STEP_LIMIT / max(np.abs(step).max(), 1e-300))
+            for _ in range(12):
+                trial = q.copy()
+                trial[self.free] += step
+                h_trial = self.error(trial)
+                size_trial = np.linalg.norm(h_trial)
+                if size_trial < size:
+                    break
+                step = step / 2
+            else:
                 break
-            step = step / 2
-        else:
-            break
-        slow = slow + 1 if size_trial > 0.99 * size else 0
-        q, h, size = trial, h_trial, size_trial
-        if (slow and size < 1e-9) or slow == _PATIENCE:
-            break
-    return q, float(np.abs(h).max()), iteration + 1
+            slow = slow + 1 if size_trial > 0.99 * size else 0
+            q, h, size = trial, h_trial, size_trial
+            if (slow and size < 1e-9) or slow == _PATIENCE:
+                break
+        return q, float(np.abs(h).max()), iteration + 1

@@ -18,12 +18,7 @@ from ocptip.numerics.inertia import RigidBody, parallel_axis
 from ocptip.robots.bodies import ArmBodies, exists, real_bodies
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
-from ocptip.standing.arm import Robot
-from ocptip.standing.elastic.steps import Modes
-from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.objects import GRIPPER
-from ocptip.standing.parts import Part
-from ocptip.standing.simulation.elements import (
+from ocptip.robots.simulators import (
     RIGID,
     SENSOR,
     SOLE,
@@ -34,6 +29,11 @@ from ocptip.standing.simulation.elements import (
     text,
     upright,
 )
+from ocptip.standing.arm import Robot
+from ocptip.standing.elastic.steps import Modes
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.objects import GRIPPER
+from ocptip.standing.parts import Part
 from ocptip.standing.simulation.objects import OBJECT_BODY, add_objects, object_states
 from ocptip.standing.simulation.world import jaws_of, sliding_jaws
 from ocptip.trajectories.trajectory import Trajectory

@@ -11,11 +11,11 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.robots.kinematics import gripper_pose, jacobian
+from ocptip.robots.simulators import RIGID, SENSOR, SOLE, add, inertial, quaternion, text, upright
 from ocptip.standing.arm import Robot
 from ocptip.standing.instants import Instants
 from ocptip.standing.objects import BASE, GRIPPER
 from ocptip.standing.parts import Part
-from ocptip.standing.simulation.elements import RIGID, SENSOR, SOLE, add, inertial, quaternion, text, upright
 from ocptip.standing.simulation.world import Jaw, jaws_of
 
 LIFTED, SLID = 0.05e-3, 0.5e-3  # m: more than that is a lift, a slide

@@ -24,10 +24,10 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.numerics.vectors import skew
 from ocptip.robots.bodies import real_bodies
 from ocptip.robots.payload import Payload
+from ocptip.robots.simulators import RIGID, SENSOR, STEP, principal
 from ocptip.standing.arm import Robot
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.parts import Part, owners
-from ocptip.standing.simulation.elements import RIGID, SENSOR, STEP, principal
 from ocptip.standing.simulation.mjcf import (
     BASE,
     FOOT,

@@ -11,12 +11,11 @@ import xml.etree.ElementTree as ET
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.numerics.inertia import RigidBody
 from ocptip.robots.bodies import real_bodies
 from ocptip.robots.model import ArmModel
+from ocptip.robots.simulators import SOLE, add, text, urdf_joint, urdf_link
 from ocptip.standing.arm import Robot
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.simulation.elements import SOLE, add, text
 from ocptip.standing.simulation.mjcf import BASE, PAYLOAD, remarks_of, require_exportable
 
 _POINT = 1e-9  # kg m^2: moments of a point mass
@@ -39,13 +38,15 @@ def to_urdf(robot: StandingMechanism, *, name: str = "ocptip") -> str:
         *_lost(robot),
     ]:
         root.append(ET.Comment(f" {remark} "))
-    _link(root, BASE, (support.mass, support.center_of_mass, support.inertia))
+    urdf_link(root, BASE, (support.mass, support.center_of_mass, support.inertia))
     for k, contact in enumerate(support.contacts, 1):
-        foot = _link(root, f"foot{k}")
+        foot = urdf_link(root, f"foot{k}")
         collision = add(foot, "collision")
         add(collision, "origin", xyz=text(SOLE * np.array([1.0, 0, 0])))
         add(add(collision, "geometry"), "sphere", radius=text(SOLE))
-        _joint(root, f"contact{k}", "fixed", BASE, f"foot{k}", np.asarray(contact.position), contact.frame)
+        urdf_joint(
+            root, f"contact{k}", "fixed", BASE, f"foot{k}", np.asarray(contact.position), contact.frame
+        )
     parent, place, rotation = BASE, arm.mount_position, arm.mount_rotation @ arm.rotations[0]
     for k, body in enumerate(bodies.links):
         if k:
@@ -54,24 +55,24 @@ def to_urdf(robot: StandingMechanism, *, name: str = "ocptip") -> str:
         for rotor in bodies.rotors:
             if rotor.joint == k:
                 moments = np.diag([rotor.transverse, rotor.transverse, rotor.axial])
-                _link(root, f"{chain_name} rotor", (rotor.mass, np.zeros(3), moments))
-                joint = _joint(
+                urdf_link(root, f"{chain_name} rotor", (rotor.mass, np.zeros(3), moments))
+                joint = urdf_joint(
                     root, f"{chain_name} rotor", "continuous", parent, f"{chain_name} rotor", place, rotation
                 )
                 add(joint, "axis", xyz="0 0 1")
                 add(joint, "mimic", joint=chain_name, multiplier=text(rotor.ratio), offset="0")
-        _link(root, f"link{k + 1}", body)
+        urdf_link(root, f"link{k + 1}", body)
         kind = "prismatic" if arm.slides[k] else "revolute"
-        joint = _joint(root, chain_name, kind, parent, f"link{k + 1}", place, rotation)
+        joint = urdf_joint(root, chain_name, kind, parent, f"link{k + 1}", place, rotation)
         add(joint, "axis", xyz="0 0 1")
         _limits(joint, arm, k)
         parent = f"link{k + 1}"
-    _link(root, "gripper")
-    _joint(root, "gripper", "fixed", parent, "gripper", arm.offsets[-1], arm.tool_rotation)
+    urdf_link(root, "gripper")
+    urdf_joint(root, "gripper", "fixed", parent, "gripper", arm.offsets[-1], arm.tool_rotation)
     if (payload := arm.payload) is not None:
         inertia = payload.inertia if payload.inertia.any() else _POINT * np.eye(3)
-        _link(root, PAYLOAD, (payload.mass, payload.center_of_mass, inertia))
-        _joint(root, PAYLOAD, "fixed", "gripper", PAYLOAD, np.zeros(3), np.eye(3))
+        urdf_link(root, PAYLOAD, (payload.mass, payload.center_of_mass, inertia))
+        urdf_joint(root, PAYLOAD, "fixed", "gripper", PAYLOAD, np.zeros(3), np.eye(3))
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
@@ -115,29 +116,3 @@ def _limits(joint: ET.Element, arm: ArmModel, k: int) -> None:
     }
     finite = {key: text(np.clip(value, -1e9, 1e9)) for key, value in values.items()}
     add(joint, "limit", **finite)
-
-
-def _link(root: ET.Element, name: str, body: RigidBody | None = None) -> ET.Element:
-    link = add(root, "link", name=name)
-    if body is not None:
-        mass, centre, inertia = body
-        inertial = add(link, "inertial")
-        add(inertial, "origin", xyz=text(centre), rpy="0 0 0")
-        add(inertial, "mass", value=text(mass))
-        names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
-        add(inertial, "inertia", **{key: text(inertia[entry]) for key, entry in names.items()})
-    return link
-
-
-def _joint(
-    root: ET.Element, name: str, kind: str, parent: str, child: str, place: np.ndarray, rotation: np.ndarray
-) -> ET.Element:
-    joint = add(root, "joint", name=name, type=kind)
-    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[2, 1], rotation[2, 2]))
-    roll, yaw = np.arctan2(rotation[2, 1], rotation[2, 2]), np.arctan2(rotation[1, 0], rotation[0, 0])
-    if np.hypot(rotation[2, 1], rotation[2, 2]) < 1e-9:  # only roll -+ yaw is definite
-        roll, yaw = 0.0, np.arctan2(-rotation[0, 1], rotation[1, 1])
-    add(joint, "origin", xyz=text(place), rpy=text([roll, pitch, yaw]))
-    add(joint, "parent", link=parent)
-    add(joint, "child", link=child)
-    return joint

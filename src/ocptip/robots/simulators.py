@@ -1,4 +1,4 @@
-"""Elements of MuJoCo models: bodies with inertia, rotations, contacts of rigid soles."""
+"""Elements of URDF files and MuJoCo models: bodies with inertia, rotations, joints, contacts of soles."""
 
 from __future__ import annotations
 
@@ -50,4 +50,32 @@ def add(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
 
 def text(values: object) -> str:
     """Numbers that come back to the last bit."""
-    return " ".join(repr(float(x)) for x in np.atleast_1d(np.asarray(values, dtype=float)))
+    return " ".join(repr(float(x) + 0.0) for x in np.atleast_1d(np.asarray(values, dtype=float)))
+
+
+def urdf_link(root: ET.Element, name: str, body: RigidBody | None = None) -> ET.Element:
+    """A link of a URDF, without inertia where there is no body."""
+    link = add(root, "link", name=name)
+    if body is not None:
+        mass, centre, inertia = body
+        inertial = add(link, "inertial")
+        add(inertial, "origin", xyz=text(centre), rpy="0 0 0")
+        add(inertial, "mass", value=text(mass))
+        names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+        add(inertial, "inertia", **{key: text(inertia[entry]) for key, entry in names.items()})
+    return link
+
+
+def urdf_joint(
+    root: ET.Element, name: str, kind: str, parent: str, child: str, place: np.ndarray, rotation: np.ndarray
+) -> ET.Element:
+    """A joint of a URDF, the child's place (3,), m, and axes (3, 3) in the parent's frame."""
+    joint = add(root, "joint", name=name, type=kind)
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[2, 1], rotation[2, 2]))
+    roll, yaw = np.arctan2(rotation[2, 1], rotation[2, 2]), np.arctan2(rotation[1, 0], rotation[0, 0])
+    if np.hypot(rotation[2, 1], rotation[2, 2]) < 1e-9:  # only roll -+ yaw is definite
+        roll, yaw = 0.0, np.arctan2(-rotation[0, 1], rotation[1, 1])
+    add(joint, "origin", xyz=text(place), rpy=text([roll, pitch, yaw]))
+    add(joint, "parent", link=parent)
+    add(joint, "child", link=child)
+    return joint
