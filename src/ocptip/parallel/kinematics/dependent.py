@@ -19,7 +19,7 @@ from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.kinematics.leg_solver import (
     CLOSURE_TOLERANCE,
     Attempt,
-    Closing,
+    ClosureEquations,
     LegSolver,
     continued,
 )
@@ -208,7 +208,7 @@ class DependentCoordinates:
     def _from_joints(self, z: np.ndarray, q: Sequence[np.ndarray]) -> Attempt:
         """d from joint positions."""
         joints, first = np.concatenate(q), self._starts[-1]
-        return Closing(
+        return ClosureEquations(
             range(self._k),
             lambda d: self._error(np.concatenate([joints, d]), z),
             lambda d: self._slope(np.concatenate([joints, d]), z)[:, first:],
@@ -220,9 +220,9 @@ class DependentCoordinates:
     def _closed(self, attempt: Attempt) -> bool:
         return attempt[1] <= CLOSURE_TOLERANCE * self._scale
 
-    def _closing(self, z: np.ndarray, rows: Rows | None = None) -> Closing:
+    def _closing(self, z: np.ndarray, rows: Rows | None = None) -> ClosureEquations:
         """The closures of all legs, or some of their rows."""
-        return Closing(
+        return ClosureEquations(
             range(self._starts[-1] + self._k),
             lambda u: self._error(u, z, rows),
             lambda u: self._slope(u, z, rows),

@@ -246,8 +246,8 @@ class LegSolver(LegClosure):
     def _newton(self, q: np.ndarray, r: np.ndarray, R: np.ndarray, free: list[int]) -> Attempt:
         return self._closing(r, R, free).solved(q) if free else (q, 0.0, 0)
 
-    def _closing(self, r: np.ndarray, R: np.ndarray, free: list[int]) -> Closing:
-        return Closing(
+    def _closing(self, r: np.ndarray, R: np.ndarray, free: list[int]) -> ClosureEquations:
+        return ClosureEquations(
             free,
             lambda q: self.residual(q, r, R),
             lambda q: self.jacobian(q)[0][:, free],
@@ -258,7 +258,7 @@ class LegSolver(LegClosure):
         return self.base.T @ (r + R @ self.couplings[0] - self.origin)
 
     def _newton_point(self, q: np.ndarray, target: np.ndarray, free: Sequence[int]) -> Attempt:
-        return Closing(
+        return ClosureEquations(
             free,
             lambda q: self._point_error(q, target),
             lambda q: self.point_jacobian(q, (0, 1, 2))[:, free],
@@ -297,7 +297,7 @@ def continued(start: np.ndarray, follow: Callable[[np.ndarray, float], Attempt |
 
 
 @dataclass(frozen=True)
-class Closing:
+class ClosureEquations:
     """Equations that some joints close by the Gauss-Newton method.
 
     Attributes:
