@@ -17,9 +17,13 @@ from ocptip.api.results.plan import Plan
 from ocptip.basics.errors import InputError, InputWarning, PlanningError, SolverError
 from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.cli.plan.plan_report import PlanReport
+from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.multi_start import MultiStart
 from ocptip.numerics.time_limit import TimeBudget, interrupted_after
+from ocptip.retiming.among import slow_plan
 from ocptip.standing.stops.by_cancel import Cancel
 from ocptip.task_files.motion import load_task
+from ocptip.trajectories.trajectory import Trajectory
 from tests.motion.paths.among_boxes import WALL, task_among, task_file
 from tests.places import EXAMPLES
 
@@ -116,7 +120,7 @@ def test_a_cycle_goes_along_paths(tmp_path):
 
 
 def test_a_segment_that_the_direct_search_does_not_reach_goes_along_a_path(tmp_path):
-    def fails():
+    def fails(**_):
         raise PlanningError("no start gave a motion")
 
     said = []
@@ -165,7 +169,7 @@ def test_a_plan_for_cancels_is_compared_with_the_straight_line(monkeypatch, rise
     safe = replace(task, limits=replace(task.limits, cancel=Cancel((2.0,) * task.robot.n)))
     plan = SimpleNamespace(motion=SimpleNamespace(rise_times=rise_times))
     monkeypatch.setattr("ocptip.retiming.among.no_worse_than_line", lambda found: (found, "compared"))
-    known = (None, *budgets(None), lambda: plan, 0, said.append)
+    known = (None, *budgets(None), lambda **_: plan, 0, said.append)
     assert searched(task, *known) is plan
     assert searched(safe, *known) == ((plan, "compared") if compared else plan)
     assert any("the straight line" in text for text in said) is compared
@@ -180,7 +184,7 @@ def test_an_interrupt_while_the_straight_line_is_timed_keeps_the_plan(monkeypatc
     task, said = load_task(EXAMPLES / "tasks" / "ur5_cart.toml"), []
     safe = replace(task, limits=replace(task.limits, cancel=Cancel((2.0,) * task.robot.n)))
     plan = SimpleNamespace(motion=SimpleNamespace(rise_times=None))
-    assert searched(safe, None, *budgets(None), lambda: plan, 0, said.append) is plan
+    assert searched(safe, None, *budgets(None), lambda **_: plan, 0, said.append) is plan
     assert said[-1] == "interrupted; the plan without the line is kept"
 
 
@@ -191,11 +195,11 @@ def test_a_failed_solver_of_one_method_leaves_the_other(tmp_path, monkeypatch):
     monkeypatch.setattr("ocptip.retiming.among.plan_along_path", fails)
     task, said = task_among(tmp_path), []
     plan = object()
-    assert searched(task, None, *budgets(None), lambda: plan, 0, said.append) is plan
+    assert searched(task, None, *budgets(None), lambda **_: plan, 0, said.append) is plan
     assert said[-1] == "path method: no verified motion, a solver failed: timing: status X"
     why = r"^path method: no verified motion, a solver failed: timing: status X \(without --method, "
     with pytest.raises(PlanningError, match=why):
-        searched(task, "path", *budgets(None), lambda: plan, 0, said.append)
+        searched(task, "path", *budgets(None), lambda **_: plan, 0, said.append)
 
 
 def test_a_time_limit_interrupts_and_leaves_no_trace():
@@ -243,3 +247,78 @@ def test_a_task_with_cancels_has_the_slow_motion_before_a_search_in_limited_time
     with pytest.raises(ocptip.NoPlanError, match="nothing; a slow motion of all joints in step"):
         ocptip.plan(task_among(tmp_path, BESIDE), stops="cancel", seconds=0.5)
     assert order == ["slow", "search", "slow"]
+
+
+def slow_of(task, cost=50.0):
+    """A stand-in for the checked slow motion of a task; only its cost is read."""
+    robot = task.robot
+    motion = Trajectory.ending_together(
+        task.start, task.goal, [None] * robot.n, robot.limits.speed, robot.limits.acceleration
+    )
+    check = SimpleNamespace(energy=cost, duration=motion.end, verified=True)
+    options = {"starts": 0, "slow": True}
+    return MotionPlan(task, motion, check, (), 0, 0, 1.0, interrupted=False, options=options)
+
+
+@pytest.mark.parametrize("of_cycle", [False, True])
+def test_an_interrupt_keeps_the_slow_motion_checked_before_the_search(tmp_path, monkeypatch, of_cycle):
+    """Without a limit of time as well; progress shows its cost from the first step on."""
+    task = cancelled(task_among(tmp_path, BESIDE))
+    monkeypatch.setattr("ocptip.retiming.among.slow_plan", lambda *_, **__: slow_of(task))
+
+    def direct(known):
+        assert known == 50.0
+        raise KeyboardInterrupt
+
+    if of_cycle:
+        plan = of_segments(None, 0, print)(task, direct, TimeBudget(None))
+    else:
+        plan = searched(task, None, *2 * [TimeBudget(None)], direct, 0, print)
+    assert plan.motion.end == slow_of(task).motion.end
+    assert plan.stopped
+
+
+def test_an_interrupt_without_a_verified_motion_is_one(tmp_path):
+    def direct(**_):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        searched(task_among(tmp_path, BESIDE), None, *2 * [TimeBudget(None)], direct, 0, print)
+
+
+@pytest.mark.parametrize(("cost", "slow"), [(40.0, False), (60.0, True)])
+def test_the_cheaper_of_the_slow_motion_and_that_of_the_search_is_the_plan(tmp_path, monkeypatch, cost, slow):
+    task = cancelled(task_among(tmp_path, BESIDE))
+    other = replace(slow_of(task, cost), options={"method": "path"})
+    monkeypatch.setattr("ocptip.retiming.among.slow_plan", lambda *_, **__: slow_of(task))
+    plan = of_segments(None, 0, print)(task, lambda **_: other, TimeBudget(None))
+    assert ("slow" in plan.options) == slow
+    assert plan.energy == min(cost, 50.0)
+
+
+def test_an_interrupt_while_a_faster_slow_motion_is_sought_keeps_the_slowest(tmp_path, monkeypatch):
+    task, checked = task_among(tmp_path, BESIDE), []
+
+    def check(robot, motion, limits):
+        checked.append(motion.end)
+        if len(checked) == 3:
+            raise KeyboardInterrupt
+        return SimpleNamespace(verified=len(checked) == 2, violations=())
+
+    monkeypatch.setattr("ocptip.retiming.among.check_motion", check)
+    plan = slow_plan(task)
+    assert plan.interrupted
+    assert plan.motion.end == checked[1] == max(checked)
+
+
+def test_progress_shows_what_is_verified_before_the_search(tmp_path):
+    told = []
+    MultiStart(task_among(tmp_path, BESIDE), range(2), 0, lambda *step: told.append(step), known=50.0)
+    MultiStart(task_among(tmp_path, BESIDE), range(2), 0, lambda *step: told.append(step))
+    assert [best for *_, best in told] == [50.0, None]
+
+
+def cancelled(task):
+    """Safe when cancelled."""
+    cancel = Cancel(tuple(task.robot.limits.acceleration.tolist()))
+    return replace(task, limits=replace(task.limits, cancel=cancel))

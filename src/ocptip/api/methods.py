@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from importlib.util import find_spec
@@ -18,8 +20,9 @@ from ocptip.basics.text import quantity
 from ocptip.certificate.checks import certified
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.files.execution import Execution, execute, slower_to_prove
-from ocptip.motion.motion_plan import MotionPlan
-from ocptip.motion.multi_start import TIME_IS_UP, ToleranceError
+from ocptip.motion.motion_plan import TIME_IS_UP, MotionPlan
+from ocptip.motion.multi_start import ToleranceError
+from ocptip.motion.plan import SegmentSearch
 from ocptip.motion.stops.rules import Kinds
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.time_limit import TimeBudget, interrupted_after
@@ -58,7 +61,7 @@ def searched(
     method: Method | None,
     whole: TimeBudget,
     budget: TimeBudget,
-    direct: Callable[[], MotionPlan],
+    direct: Callable[..., MotionPlan],
     seed: int,
     say: Callable[[str], None],
 ) -> MotionPlan:
@@ -70,7 +73,7 @@ def searched(
         method: the only one that is tried; None: those that suit the task, see `methods_for`.
         whole: time of the search with the checks after it.
         budget: time of the search.
-        direct: the direct search.
+        direct: the direct search, called with the cost `known` of a motion that is verified already.
         seed: of the search for a path.
         say: called with what is done next, and why a method before gave nothing.
 
@@ -86,8 +89,8 @@ def searched(
     if task.is_cycle:  # its segments share the time
         return direct()
 
-    def search() -> MotionPlan:
-        return _searched(task, method, methods, budget, direct, seed, say)
+    def search(known: float = math.inf) -> MotionPlan:
+        return _searched(task, method, methods, budget, partial(direct, known=known), seed, say)
 
     return search() if method else _or_slow(cast(MotionTask, task), search, whole, seed, say)
 
@@ -97,7 +100,7 @@ def _searched(
     method: Method | None,
     methods: tuple[Method, ...],
     budget: TimeBudget,
-    direct: Callable[[], MotionPlan],
+    direct: Callable[..., MotionPlan],
     seed: int,
     say: Callable[[str], None],
 ) -> MotionPlan:
@@ -129,19 +132,20 @@ def _searched(
         raise PlanningError(f"{error}{more}") from error
 
 
-def of_segments(
-    method: Method | None, seed: int, say: Callable[[str], None]
-) -> Callable[[MotionTask, Callable[[], MotionPlan], TimeBudget], MotionPlan]:
+def of_segments(method: Method | None, seed: int, say: Callable[[str], None]) -> SegmentSearch:
     """The search of a segment of a cycle, for `plan_motion`; arguments are those of `searched`.
 
     Without a method a path is searched only where the direct search fails: motions along paths cost more.
     """
 
-    def search(task: MotionTask, direct: Callable[[], MotionPlan], budget: TimeBudget) -> MotionPlan:
+    def search(task: MotionTask, direct: Callable[..., MotionPlan], budget: TimeBudget) -> MotionPlan:
         methods: tuple[Method, ...] = ("direct",) if method is None else (method,)
         if method is None and task.robot.collision.labels and find_spec("ompl") is not None:
             methods = methods_for(task) if budget.given else ("direct", "path")
-        first = partial(_first_of, methods, task, budget, direct, seed, say)
+
+        def first(known: float = math.inf) -> MotionPlan:
+            return _first_of(methods, task, budget, partial(direct, known=known), seed, say)
+
         return first() if method else _or_slow(task, first, budget, seed, say)
 
     return search
@@ -149,12 +153,15 @@ def of_segments(
 
 def _or_slow(
     task: MotionTask,
-    search: Callable[[], MotionPlan],
+    search: Callable[[float], MotionPlan],
     budget: TimeBudget,
     seed: int,
     say: Callable[[str], None],
 ) -> MotionPlan:
     """The plan of a search; where that has none in its time, or for cancels or objects, a slow motion.
+
+    A slow motion that was checked before the search is also the plan where an interrupt ends the search
+    before it has one, and where it costs less.
 
     For cancels, and with a time limit for objects, the slow motion is checked before the search, which may be
     long. Where even that one is not safe when cancelled, a search without a time limit does not begin: a stop
@@ -164,7 +171,9 @@ def _or_slow(
 
     def slow_motion(share: float) -> MotionPlan | None:
         say("checking a slow motion of all joints in step ...")
-        return budget.within(partial(among.slow_plan, task, seed=seed), None, share=share)
+        with suppress(TimeIsUpError), interrupted_after(share * budget.left):
+            return among.slow_plan(task, seed=seed)
+        return None
 
     if cancelled or (carries and budget.given):
         try:
@@ -173,8 +182,20 @@ def _or_slow(
             if cancelled and not budget.given:
                 more = "with --method direct other motions are searched, which may take long"
                 raise PlanningError(f"{error}; {more}") from None
+    known = math.inf if slow is None else task.objective.cost(slow.energy, slow.duration)
+    out_of_time = {TIME_IS_UP: ""} if budget.given else {}
     try:
-        return search()
+        if slow is not None and slow.interrupted:
+            return slow
+        plan = search(known)
+        if slow is None or task.objective.cost(plan.energy, plan.duration) <= known:
+            return plan
+        out_of_time = {name: text for name, text in plan.options.items() if name == TIME_IS_UP}
+        return replace(slow, interrupted=plan.interrupted, options={**slow.options, **out_of_time})
+    except KeyboardInterrupt:
+        if slow is None:
+            raise
+        return replace(slow, interrupted=True)
     except PlanningError as error:
         if slow is None and (carries or budget.given) and not isinstance(error, ToleranceError):
             say(f"{error}")
@@ -187,7 +208,6 @@ def _or_slow(
                 raise PlanningError(f"{error}; {more}") from None
         if slow is None:
             raise
-        out_of_time = {TIME_IS_UP: ""} if budget.given else {}
         return replace(slow, interrupted=budget.given, options={**slow.options, **out_of_time})
 
 
@@ -195,7 +215,7 @@ def _first_of(
     methods: tuple[Method, ...],
     task: Task,
     budget: TimeBudget,
-    direct: Callable[[], MotionPlan],
+    direct: Callable[..., MotionPlan],
     seed: int,
     say: Callable[[str], None],
 ) -> MotionPlan:

@@ -46,6 +46,10 @@ from ocptip.trajectories.trajectory import Trajectory
 Progress = Callable[[int, int, float | None], None]
 
 
+COST_OF_STOPS = "cost of stops"
+"""Name of the comparison with a plan that need not be stopped, where it is left out."""
+
+
 class NoPlanError(PlanningError):
     """The search ended without a verified motion; the message says how near it came.
 
@@ -198,6 +202,8 @@ def plan(
         result = Plan.of(planned, **known, budget=budget, smooth=smooth)
         if along_path or not any(one.task.limits.stoppable for one in task.segments):
             return result
+        if planned.stopped:
+            return replace(result, left_out=(*result.left_out, COST_OF_STOPS))
         if stage:
             stage("planning without stops, to compare the cost ...")
         price = price_of_stops(planned, _without_stops(task, how, budget))
@@ -233,7 +239,7 @@ def _without_stops(task: Task, how: Mapping[str, Any], budget: TimeBudget) -> Mo
         return None
     try:
         plain_task = task.each(lambda one_task: replace(one_task, limits=one_task.limits.without_stops))
-        return budget.within(partial(plan_motion, plain_task, **how), None, "cost of stops")
+        return budget.within(partial(plan_motion, plain_task, **how), None, COST_OF_STOPS)
     except PlanningError:
         return None
 

@@ -13,6 +13,9 @@ from ocptip.motion.planner.attempt import StartResult
 from ocptip.motion.planner.jobs import LOST
 from ocptip.trajectories.trajectory import Trajectory
 
+TIME_IS_UP = "time_is_up"
+"""Option of a plan whose search a time limit ended; its text says what is missing, empty: nothing."""
+
 
 @dataclass(frozen=True, eq=False)
 class MotionPlan:
@@ -77,6 +80,11 @@ class MotionPlan:
             return parts[0]
         how = {"seed": self.seed, "options": self.options, "interrupted": self.interrupted}
         return MotionPlan.of_cycle(cast(CycleTask, self.task), parts, **how, seconds=self.seconds)
+
+    @property
+    def stopped(self) -> bool:
+        """The user's interrupt ended the search, not a time limit."""
+        return self.interrupted and not any(TIME_IS_UP in one.options for one in (self, *self.parts))
 
     @property
     def complete(self) -> bool:

@@ -15,6 +15,7 @@ of workers.
 
 from __future__ import annotations
 
+import math
 import time
 import warnings
 from collections import deque
@@ -29,7 +30,7 @@ import numpy as np
 from ocptip.basics.errors import PlanningError
 from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.motion.choices import first_round, likely_choices, second_round
-from ocptip.motion.motion_plan import MotionPlan
+from ocptip.motion.motion_plan import TIME_IS_UP, MotionPlan
 from ocptip.motion.planner.attempt import Attempt, Rough
 from ocptip.motion.planner.jobs import Job, Jobs
 from ocptip.motion.planner.one_start import Search, free_ends
@@ -53,8 +54,6 @@ SHORTEST = 0.05
 do.
 """
 LONGEST = 0.4  # s
-TIME_IS_UP = "time_is_up"
-"""Option of a plan whose search a time limit ended; its text says what is missing, empty: nothing."""
 
 
 def with_rise_time(task: MotionTask) -> MotionTask:
@@ -126,6 +125,7 @@ class MultiStart:
         numbers, seed: of the starts; they decide the random motions.
         progress: called as progress(done, steps, minimum cost so far or None). A start is two steps: until
             its promise is known, and until it has ended. A change is one.
+        known: cost of a verified motion that is there before the search; infinite: there is none.
     """
 
     def __init__(
@@ -134,11 +134,12 @@ class MultiStart:
         numbers: range,
         seed: int,
         progress: Progress | None,
+        known: float = math.inf,
     ) -> None:
         self._task, self._numbers, self._seed = task, numbers, seed
         self._hops = 0 if task.limits.tolerance.given else len(numbers) // 2
         self._hops_begun, self._hopping = 0, deque[tuple[Start, Job[Attempt]]]()
-        self._progress, self._done = progress, -1
+        self._progress, self._done, self._known = progress, -1, known
         self.starts: list[Start] = []
         self._step()
 
@@ -252,7 +253,8 @@ class MultiStart:
         self._done += 1
         if self._progress:
             steps = 2 * len(self._numbers) + self._hops
-            self._progress(self._done, steps, self.best.rank[0] if self.best else None)
+            cost = min(self._known, self.best.rank[0] if self.best else math.inf)
+            self._progress(self._done, steps, cost if cost < math.inf else None)
 
 
 def plan_segment(
@@ -263,17 +265,19 @@ def plan_segment(
     first: int = 0,
     workers: MaybeWorkers,
     progress: Progress | None = None,
+    known: float = math.inf,
 ) -> MotionPlan:
     """Plan one motion; see `ocptip.motion.plan.plan_motion`.
 
     Args:
         task, starts, seed, progress: see there.
         first: number of the first start: with `first=2` those follow that `starts=2` has run.
+        known: cost of another verified motion, for `progress`.
         workers: run the jobs, and end with an interrupt; None: this process does.
     """
     require_plannable(task)
     began = time.perf_counter()
-    search = MultiStart(task, range(first, first + starts), seed, progress)
+    search = MultiStart(task, range(first, first + starts), seed, progress, known)
     with one_thread:
         tasks = likely_choices(task)
     interrupted, ended = False, dict[str, str]()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
@@ -19,8 +20,8 @@ from ocptip.motion.check import Prove
 from ocptip.motion.cycles.choices import Way, best_sequences, layers_of, likely_sequences, rest_cost
 from ocptip.motion.cycles.free_poses import moved_sequences
 from ocptip.motion.cycles.task import CycleTask, Task, require_way_plannable
-from ocptip.motion.motion_plan import MotionPlan
-from ocptip.motion.multi_start import TIME_IS_UP, MaybeWorkers, Progress, plan_segment
+from ocptip.motion.motion_plan import TIME_IS_UP, MotionPlan
+from ocptip.motion.multi_start import MaybeWorkers, Progress, plan_segment
 from ocptip.motion.planner.attempt import Attempt
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.provable import slower_to_prove
@@ -32,8 +33,10 @@ from ocptip.numerics.workers import worker_pool
 FIRST = 2  # starts that every segment of every promising way gets; the others go to the best way
 Leg = tuple[int, int, int]
 """Numbers of a segment and of the postures before and after it."""
-SegmentSearch = Callable[[MotionTask, Callable[[], MotionPlan], TimeBudget], MotionPlan]
-"""Gives the plan of a segment of a cycle in its time: by the direct search that it gets, or otherwise."""
+SegmentSearch = Callable[[MotionTask, Callable[..., MotionPlan], TimeBudget], MotionPlan]
+"""Gives the plan of a segment of a cycle in its time: by the direct search that it gets, or otherwise. That
+is called with the cost `known` of a motion that is verified already, if there is one.
+"""
 
 
 def plan_motion(
@@ -48,6 +51,7 @@ def plan_motion(
     stage: Callable[[str], None] | None = None,
     segment: SegmentSearch | None = None,
     budget: TimeBudget | None = None,
+    known: float = math.inf,
 ) -> MotionPlan:
     """Plan the motion of minimum cost that keeps all limits of a task; of a cycle those of all segments.
 
@@ -82,6 +86,7 @@ def plan_motion(
         segment: searches segments of a cycle; default: the direct search by random starts.
         budget: of the time of a cycle. Every segment gets one start before a segment gets more, and each of
             them an equal share of the time that is left.
+        known: cost of another verified motion, for `progress`; of a single motion.
 
     Raises:
         InputError: the task cannot be planned (all reasons with their numbers), or starts, jobs or seed
@@ -101,7 +106,7 @@ def plan_motion(
 
     how = {"starts": starts, "seed": seed, "progress": progress}
     if not task.is_cycle:
-        plan = plan_segment(cast(MotionTask, task), **how, workers=workers())
+        plan = plan_segment(cast(MotionTask, task), **how, workers=workers(), known=known)
     else:
         how |= {"segment": segment or _direct, "budget": budget or TimeBudget(None)}
         plan = _planned_cycle(cast(CycleTask, task), **how, workers=workers)
@@ -167,7 +172,7 @@ def _comparing(budget: TimeBudget) -> Iterator[None]:
         raise PlanningError("the time was up while postures were compared; give more seconds") from None
 
 
-def _direct(_: MotionTask, search: Callable[[], MotionPlan], budget: TimeBudget) -> MotionPlan:
+def _direct(_: MotionTask, search: Callable[..., MotionPlan], budget: TimeBudget) -> MotionPlan:
     try:
         with interrupted_after(budget.left):
             return search()
@@ -330,7 +335,7 @@ class _Legs:
                 self._errors[leg], self._seconds[leg] = error, seconds
         else:
             self._plans[leg] = _both(self._plans.get(leg), plan)
-            if plan.interrupted and TIME_IS_UP not in plan.options:
+            if plan.stopped:
                 raise KeyboardInterrupt
         self._done += count
 

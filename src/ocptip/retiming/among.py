@@ -14,6 +14,7 @@ from typing import cast
 import numpy as np
 
 from ocptip.basics.errors import InputError, PlanningError
+from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.paths.search import search_path
@@ -82,7 +83,7 @@ def slow_plan(task: MotionTask, *, seed: int = 0) -> MotionPlan:
     """The synchronised default motion, as slow as its limits ask for.
 
     All joints take one trapezoidal profile each, and end together. No search is needed, so that this is a
-    plan where a search gives none, or has no time.
+    plan where a search gives none, or has no time. An interrupt ends the choice among speeds that keep them.
 
     Raises:
         PlanningError: no speed keeps all limits; names those that the slowest motion breaks.
@@ -101,6 +102,7 @@ def slow_plan(task: MotionTask, *, seed: int = 0) -> MotionPlan:
         return motion, check_motion(robot, motion, task.limits)
 
     paces = [pace for pace in SLOWER if pace >= (stands or SLOWER[-1])]
+    interrupted = False
     if not tried(paces[0])[1].verified:
         motion, checked = tried(paces[-1])
         if not checked.verified:
@@ -108,10 +110,13 @@ def slow_plan(task: MotionTask, *, seed: int = 0) -> MotionPlan:
             slowly = f"even slowly, joints in step from start to goal in {motion.end:.3g} s"
             raise PlanningError(f"{slowly}: {broken}")
         slower = len(paces) - 1  # a slower motion keeps what a faster one does, nearly
-        paces = paces[bisect_left(paces, True, 1, slower, key=lambda pace: tried(pace)[1].verified) :]
+        try:
+            paces = paces[bisect_left(paces, True, 1, slower, key=lambda pace: tried(pace)[1].verified) :]
+        except KeyboardInterrupt as stop:  # the slowest one is verified
+            paces, interrupted = paces[slower:], not isinstance(stop, TimeIsUpError)
     motion, checked = tried(paces[0])
     options = {"starts": 0, SLOW: True}
-    how = {"starts": (), "best": 0, "seed": seed, "interrupted": False, "options": options}
+    how = {"starts": (), "best": 0, "seed": seed, "interrupted": interrupted, "options": options}
     return MotionPlan(task, motion, checked, seconds=time.perf_counter() - began, **how)
 
 

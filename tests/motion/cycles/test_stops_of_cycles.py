@@ -78,7 +78,7 @@ def test_a_segment_without_a_motion_for_cancels_is_slowed_until_it_has_one(tmp_p
     assert plan.check.certified
     assert "cancels PROVED to lose no contact" in plan.headline
     text = " ".join(PlanReport(plan).to_text().split())
-    assert "a slow motion of all joints in step: the search gave no motion that keeps all limits" in text
+    assert "a slow motion of all joints in step: the search gave no better one that keeps all limits" in text
     assert "(segment out)" in text
     assert "(segment back)" in text
 

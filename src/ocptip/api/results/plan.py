@@ -35,7 +35,6 @@ from ocptip.motion.files.plan_files import (
     write_plan,
 )
 from ocptip.motion.motion_plan import MotionPlan
-from ocptip.motion.multi_start import TIME_IS_UP
 from ocptip.motion.plan import proved_part
 from ocptip.motion.stops.cancels import SafeDecelerations
 from ocptip.motion.stops.check import (
@@ -332,6 +331,4 @@ def _proofs_begun(
     planned: MotionPlan, begin: Callable[..., Callable[[], Any]]
 ) -> list[Callable[[], MotionPlan]]:
     """What waits for each segment with its certificate; empty after an interrupt by the user."""
-    if planned.interrupted and not any(TIME_IS_UP in one.options for one in (planned, *planned.parts)):
-        return []
-    return [begin(proved_part, part, certified) for part in planned.parts]
+    return [] if planned.stopped else [begin(proved_part, part, certified) for part in planned.parts]

@@ -12,8 +12,7 @@ from ocptip.cli.layout import check_rows, gear_rows, masses, price_line, under
 from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows
 from ocptip.cli.options import GatedReport
 from ocptip.motion.cycles.task import CycleTask, freed_offset
-from ocptip.motion.motion_plan import MotionPlan
-from ocptip.motion.multi_start import TIME_IS_UP
+from ocptip.motion.motion_plan import TIME_IS_UP, MotionPlan
 from ocptip.motion.planner.attempt import LEFT_OUT
 from ocptip.motion.summary import motion_line
 from ocptip.retiming.among import SLOW
@@ -76,7 +75,7 @@ class PlanReport(GatedReport):
         plan, motion = self.plan, self.plan.planned
         more = [self._interrupted()] if motion.interrupted and SLOW not in motion.options else []
         slow = zip(plan.task.segments, motion.parts, strict=False)
-        more += [f"{_SLOWLY}{_of(segment.name)}" for segment, part in slow if SLOW in part.options]
+        more += [f"{_slowly(part)}{_of(segment.name)}" for segment, part in slow if SLOW in part.options]
         more += (
             [f"not complete, the time was up or it was interrupted: {', '.join(plan.left_out)}"]
             if plan.left_out
@@ -183,7 +182,10 @@ def _slower(plan: MotionPlan) -> str:
     return f"{100 * (plan.slower - 1):.2g} % slower than planned, so that its proof is complete"
 
 
-_SLOWLY = "a slow motion of all joints in step: the search gave no motion that keeps all limits"
+def _slowly(plan: MotionPlan) -> str:
+    """Why a slow motion of all joints in step is the plan."""
+    why = "was interrupted before it had a" if plan.stopped else "gave no"
+    return f"a slow motion of all joints in step: the search {why} better one that keeps all limits"
 
 
 def _of(segment: str) -> str:
