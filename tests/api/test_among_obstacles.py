@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 import ocptip
-from ocptip.api.methods import methods_for, of_segments, searched
+from ocptip.api.methods import FEW_STATES, methods_for, of_segments, searched
 from ocptip.api.results.plan import Plan
 from ocptip.basics.errors import InputError, InputWarning, PlanningError, SolverError
 from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.cli.plan.plan_report import PlanReport
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import MultiStart
+from ocptip.motion.paths.search import MOST_STATES
 from ocptip.numerics.time_limit import TimeBudget, interrupted_after
 from ocptip.retiming.among import slow_plan
 from ocptip.standing.stops.by_cancel import Cancel
@@ -125,11 +126,28 @@ def test_a_segment_that_the_direct_search_does_not_reach_goes_along_a_path(tmp_p
 
     said = []
     unlimited = TimeBudget(None)
-    plan = of_segments(None, 1, said.append)(task_among(tmp_path), fails, unlimited)
+    touched = task_among(tmp_path, WALL.replace("0.75, 0.0", "1.05, 0.0"))
+    plan = of_segments(None, 1, said.append)(touched, fails, unlimited, False)
     assert plan.options["method"] == "path"
     assert said == ["no start gave a motion", "searching and timing a path ..."]
     with pytest.raises(PlanningError, match=r"^no start gave a motion$"):
-        of_segments("direct", 1, said.append)(task_among(tmp_path), fails, unlimited)
+        of_segments("direct", 1, said.append)(task_among(tmp_path), fails, unlimited, True)
+
+
+def test_a_segment_through_a_wall_goes_along_a_path_first(tmp_path, monkeypatch):
+    """Where the cycle may do without it, the direct search does not follow."""
+    searched, failure = [], PlanningError("no way")
+
+    def fails(*_, **options):
+        searched.append(options.get("states", "direct"))
+        raise failure
+
+    monkeypatch.setattr("ocptip.retiming.among.plan_along_path", fails)
+    search, task = of_segments(None, 1, lambda _: None), task_among(tmp_path)
+    for needed in (False, True):
+        with pytest.raises(PlanningError, match="no way"):
+            search(task, fails, TimeBudget(None), needed)
+    assert searched == [FEW_STATES, MOST_STATES, "direct"]
 
 
 def test_when_the_time_is_up_there_is_a_plan_or_the_reason(tmp_path):
@@ -271,7 +289,7 @@ def test_an_interrupt_keeps_the_slow_motion_checked_before_the_search(tmp_path, 
         raise KeyboardInterrupt
 
     if of_cycle:
-        plan = of_segments(None, 0, print)(task, direct, TimeBudget(None))
+        plan = of_segments(None, 0, print)(task, direct, TimeBudget(None), True)
     else:
         plan = searched(task, None, *2 * [TimeBudget(None)], direct, 0, print)
     assert plan.motion.end == slow_of(task).motion.end
@@ -291,7 +309,7 @@ def test_the_cheaper_of_the_slow_motion_and_that_of_the_search_is_the_plan(tmp_p
     task = cancelled(task_among(tmp_path, BESIDE))
     other = replace(slow_of(task, cost), options={"method": "path"})
     monkeypatch.setattr("ocptip.retiming.among.slow_plan", lambda *_, **__: slow_of(task))
-    plan = of_segments(None, 0, print)(task, lambda **_: other, TimeBudget(None))
+    plan = of_segments(None, 0, print)(task, lambda **_: other, TimeBudget(None), True)
     assert ("slow" in plan.options) == slow
     assert plan.energy == min(cost, 50.0)
 

@@ -18,6 +18,7 @@ from ocptip.basics.errors import InputError, InputWarning, PlanningError, Solver
 from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.basics.text import quantity
 from ocptip.certificate.checks import certified
+from ocptip.motion.choices import NEARLY, line_overlap
 from ocptip.motion.cycles.task import Task
 from ocptip.motion.files.execution import Execution, execute, slower_to_prove
 from ocptip.motion.motion_plan import TIME_IS_UP, MotionPlan
@@ -35,12 +36,10 @@ Method = Literal["direct", "path", "smooth"]
 ALONG_PATH: tuple[Method, ...] = ("path", "smooth")
 """Methods that time a path among obstacles; the second one smooths it then."""
 
-NEARLY = 0.02
-"""m: overlap on the straight line in joint space up to which the direct search is first in unlimited time."""
-
-_STATES = 60  # of the straight line
 _FIRST = 0.6  # of the time, for a method after which another one follows
 
+FEW_STATES = 40_000
+"""Tested states of the search for a path of a segment that a cycle may do without, at most."""
 
 Runner = Controller | Literal["ramps"]
 """The executor of a motion: a controller that interpolates between points, or `"ramps"`: drives that are
@@ -135,18 +134,28 @@ def _searched(
 def of_segments(method: Method | None, seed: int, say: Callable[[str], None]) -> SegmentSearch:
     """The search of a segment of a cycle, for `plan_motion`; arguments are those of `searched`.
 
-    Without a method a path is searched only where the direct search fails: motions along paths cost more.
+    Without a method a path is searched where the direct search fails, for motions along paths cost more, and
+    where the straight line overlaps far. There it comes first, and alone and not for long as long as the
+    cycle may do without this segment.
     """
 
-    def search(task: MotionTask, direct: Callable[..., MotionPlan], budget: TimeBudget) -> MotionPlan:
-        methods: tuple[Method, ...] = ("direct",) if method is None else (method,)
+    def search(
+        task: MotionTask, direct: Callable[..., MotionPlan], budget: TimeBudget, needed: bool
+    ) -> MotionPlan:
+        first: Method = method or "direct"
+        methods: tuple[Method, ...] = (first,)
         if method is None and task.robot.collision.labels and find_spec("ompl") is not None:
-            methods = methods_for(task) if budget.given else ("direct", "path")
+            methods = methods_for(task, budget.given)
+            if "path" not in methods:
+                methods = ("direct", "path")
+        if not needed and methods[0] == "path":
+            methods = ("path",)
+        states = among.MOST_STATES if needed else FEW_STATES
 
-        def first(known: float = math.inf) -> MotionPlan:
-            return _first_of(methods, task, budget, partial(direct, known=known), seed, say)
+        def begin(known: float = math.inf) -> MotionPlan:
+            return _first_of(methods, task, budget, partial(direct, known=known), seed, say, states)
 
-        return first() if method else _or_slow(task, first, budget, seed, say)
+        return begin() if method else _or_slow(task, begin, budget, seed, say)
 
     return search
 
@@ -218,6 +227,7 @@ def _first_of(
     direct: Callable[..., MotionPlan],
     seed: int,
     say: Callable[[str], None],
+    states: int = among.MOST_STATES,
 ) -> MotionPlan:
     failed: list[str] = []
     for name in methods:
@@ -232,7 +242,8 @@ def _first_of(
             with interrupted_after(seconds):
                 if name == "direct":
                     return direct()
-                return among.plan_along_path(cast(MotionTask, task), seed=seed, deadline=end)
+                how = {"seed": seed, "deadline": end, "states": states}
+                return among.plan_along_path(cast(MotionTask, task), **how)
         except TimeIsUpError as stop:
             if not budget.given:  # it was the time of a search around this one
                 raise
@@ -251,11 +262,12 @@ def methods_for(task: Task, limited: bool = False) -> tuple[Method, ...]:
     """The methods that suit a task, the more promising one first; both where the time is limited.
 
     Among obstacles the direct search succeeds only near the straight line, and may take long to fail: where
-    the time is limited, a path comes first. A warning says where a path is needed and OMPL is missing.
+    much overlaps on that line, or the time is limited, a path comes first. A warning says where a path is
+    needed and OMPL is missing.
     """
     if task.is_cycle or not task.robot.collision.labels:
         return ("direct",)
-    overlap, between = _overlap(cast(MotionTask, task))
+    overlap, between = line_overlap(cast(MotionTask, task))
     if overlap <= 0 and not limited:
         return ("direct",)
     if find_spec("ompl") is not None:
@@ -271,19 +283,6 @@ def methods_for(task: Task, limited: bool = False) -> tuple[Method, ...]:
     text += "a path around needs OMPL (pip install 'ocptip[paths]')"
     warnings.warn(InputWarning(f"{task.name}: {text}"), stacklevel=3)
     return ("direct",)
-
-
-def _overlap(task: MotionTask) -> tuple[float, str]:
-    """Largest overlap, m, on the straight line from a start to a goal, and of what, an obstacle or the robot
-    itself; of several lines that of the smallest one.
-    """
-    shares, collision = np.linspace(0, 1, _STATES)[:, None], task.robot.collision
-    results = []
-    for start, goal in task.choices or [(task.start, task.goal)]:
-        gaps = np.min(collision.gaps(start + shares * (goal - start), 0.0), axis=0)
-        nearest = int(np.argmin(gaps))
-        results.append((max(-float(gaps[nearest]), 0.0), str(collision.labels[nearest])))
-    return min(results)
 
 
 def prepared(task: Task, controller: Runner, rise_time: float | None, stops: Ask | None) -> Task:

@@ -28,6 +28,10 @@ from ocptip.trajectories.trajectory import Trajectory
 COMPARED = 24  # pairs, those with the shortest ways
 APART = 0.5  # rad (sliding joints: m): least difference of two pairs in a continuum
 PLANNED, WORSE = 4, 1.25  # at most so many, whose plainest motions cost at most so much more than the best
+NEARLY = 0.02
+"""m: overlap on the straight line in joint space up to which motions near that line may be clear."""
+
+_STATES = 60  # of the straight line
 PROMISING = 1.03  # after one start each, the others go to pairs that cost at most so much more than the best
 
 
@@ -83,6 +87,19 @@ def plainest_cost(task: MotionTask) -> float:
             break
         best = cost
     return float(best)
+
+
+def line_overlap(task: MotionTask) -> tuple[float, str]:
+    """Largest overlap, m, on the straight line in joint space from a start to a goal, and of what, an
+    obstacle or the robot itself; of several lines that of the smallest one.
+    """
+    shares, collision = np.linspace(0, 1, _STATES)[:, None], task.robot.collision
+    results = []
+    for start, goal in task.choices or [(task.start, task.goal)]:
+        gaps = np.min(collision.gaps(start + shares * (goal - start), 0.0), axis=0)
+        nearest = int(np.argmin(gaps))
+        results.append((max(-float(gaps[nearest]), 0.0), str(collision.labels[nearest])))
+    return min(results)
 
 
 def first_round(tasks: list[MotionTask], numbers: range) -> list[tuple[MotionTask, int]]:

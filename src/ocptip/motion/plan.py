@@ -17,7 +17,7 @@ import numpy as np
 from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.motion.check import Prove
-from ocptip.motion.cycles.choices import Way, best_sequences, layers_of, likely_sequences, rest_cost
+from ocptip.motion.cycles.choices import Way, best_sequences, layers_of, leg_cost, likely_sequences, rest_cost
 from ocptip.motion.cycles.free_poses import moved_sequences
 from ocptip.motion.cycles.task import CycleTask, Task, require_way_plannable
 from ocptip.motion.motion_plan import TIME_IS_UP, MotionPlan
@@ -31,11 +31,16 @@ from ocptip.numerics.time_limit import TimeBudget, interrupted_after
 from ocptip.numerics.workers import worker_pool
 
 FIRST = 2  # starts that every segment of every promising way gets; the others go to the best way
+SPARED = 0.9
+"""Factor of the smallest cost of a planned segment relative to its default cost. Sequences that would cost
+more than the best with this share of the default cost are planned no further.
+"""
 Leg = tuple[int, int, int]
 """Numbers of a segment and of the postures before and after it."""
-SegmentSearch = Callable[[MotionTask, Callable[..., MotionPlan], TimeBudget], MotionPlan]
+SegmentSearch = Callable[[MotionTask, Callable[..., MotionPlan], TimeBudget, bool], MotionPlan]
 """Gives the plan of a segment of a cycle in its time: by the direct search that it gets, or otherwise. That
-is called with the cost `known` of a motion that is verified already, if there is one.
+is called with the cost `known` of a motion that is verified already, if there is one. The last argument is
+whether the cycle needs this segment; else there are others that may do.
 """
 
 
@@ -172,7 +177,7 @@ def _comparing(budget: TimeBudget) -> Iterator[None]:
         raise PlanningError("the time was up while postures were compared; give more seconds") from None
 
 
-def _direct(_: MotionTask, search: Callable[..., MotionPlan], budget: TimeBudget) -> MotionPlan:
+def _direct(_: MotionTask, search: Callable[..., MotionPlan], budget: TimeBudget, __: bool) -> MotionPlan:
     try:
         with interrupted_after(budget.left):
             return search()
@@ -249,6 +254,7 @@ class _Legs:
         self._plans: dict[Leg, MotionPlan] = {}
         self._errors: dict[Leg, PlanningError] = {}
         self._seconds: dict[Leg, float] = {}
+        self._defaults: dict[Leg, float] = {}
         self._done = 0
 
     def run(self, workers: Callable[[], MaybeWorkers]) -> None:
@@ -262,25 +268,60 @@ class _Legs:
             KeyboardInterrupt: it was interrupted; what is finished is kept.
         """
         legs = list(dict.fromkeys(leg for way in self._sequences for leg in _legs(way)))
-        limited = self._budget.given
+        limited, only = self._budget.given, len(self._sequences) == 1
         first = 1 if limited else min(FIRST, self._starts)
         total = len(legs) * first + len(self._task.segments) * (self._starts - first)
         promising = len(self._task.segments) if limited else len(legs)
         for k, leg in enumerate(legs):
             sharing = promising - k if k < promising else len(legs) - k
-            self._plan(leg, 0, first, total, workers, sharing)
-            if len(self._sequences) == 1 and not limited:
+            if only or self._useful(leg):
+                self._plan(leg, 0, first, total, workers, sharing, needed=only)
+            else:
+                self._done += first
+            if only and not limited:
                 self._require(leg)
         best = _legs(self._best())
         missing = sum(leg not in self._plans for leg in best)
-        for k, leg in enumerate(sorted(best, key=self._plans.__contains__) if limited else best):
+        for k, leg in enumerate(sorted(best, key=self._plans.__contains__)):
             sharing = missing - k if k < missing else len(best) - k
             searched = leg not in self._plans or bool(self._plans[leg].starts)  # else more are in vain
-            longer = limited and k < missing and self._budget.left / sharing > self._seconds[leg]
-            before = 0 if longer else first  # the first start may have lacked time only
+            longer = not limited or self._budget.left / sharing > self._seconds.get(leg, 0.0)
+            before = 0 if k < missing and longer else first  # the first search may have ended early
             if self._starts > before and searched and self._budget.left:
                 self._plan(leg, before, self._starts - before, total, workers, sharing)
             self._require(leg)
+
+    def _useful(self, leg: Leg) -> bool:
+        """Whether a sequence with this leg may be the best: no leg of it has failed, and with what the others
+        promise it may cost less than any that is planned.
+        """
+        sequences = [_legs(sequence) for sequence in self._sequences]
+        least = min((sum(map(self._cost, legs)) for legs in sequences), default=np.inf)
+        if least == np.inf:
+            return any(leg in legs and not self._errors.keys() & legs for legs in sequences)
+        share = SPARED * min(self._cost(one) / self._default(one) for one in self._plans)
+
+        def lowest(one: Leg) -> float:
+            known = one in self._plans or one in self._errors
+            return self._cost(one) if known else share * self._default(one)
+
+        return any(leg in legs and not sum(map(lowest, legs)) >= least for legs in sequences)
+
+    def _cost(self, leg: Leg) -> float:
+        """Of the plan of a leg and the rest after it, in units of the objective's size; infinite without."""
+        if (plan := self._plans.get(leg)) is None:
+            return np.inf
+        segment = self._task.segments[leg[0]]
+        cost = segment.task.objective.cost(plan.energy, plan.duration)
+        return (cost + rest_cost(segment, plan.motion.goal)) / segment.task.objective.size
+
+    def _default(self, leg: Leg) -> float:
+        """The same of the synchronised default motion."""
+        number, i, j = leg
+        if leg not in self._defaults:
+            ends = self._layers[number][i], self._layers[number + 1][j]
+            self._defaults[leg] = leg_cost(self._task.segments[number], *ends)
+        return self._defaults[leg]
 
     def _require(self, leg: Leg) -> None:
         if leg not in self._plans:
@@ -298,24 +339,23 @@ class _Legs:
     def _best(self) -> Way:
         """The sequence of minimum cost over legs with plans; one without all of them: the most promising."""
 
-        def cost(k: int, i: int, j: int) -> float:
-            plan = self._plans.get((k, i, j))
-            if plan is None:
-                return np.inf
-            segment = self._task.segments[k]
-            cost_here = segment.task.objective.cost(plan.energy, plan.duration)
-            return (cost_here + rest_cost(segment, plan.motion.goal)) / segment.task.objective.size
-
         sizes = [len(layer) for layer in self._layers]
-        result = best_sequences(sizes, cost, self._task.closed, 1)
+        result = best_sequences(sizes, lambda *leg: self._cost(leg), self._task.closed, 1)
         return result[0][1] if result else self._sequences[0]
 
     def _plan(
-        self, leg: Leg, first: int, count: int, total: int, workers: Callable[[], MaybeWorkers], sharing: int
+        self,
+        leg: Leg,
+        first: int,
+        count: int,
+        total: int,
+        workers: Callable[[], MaybeWorkers],
+        sharing: int,
+        needed: bool = True,
     ) -> None:
         """Run starts of one leg; an interrupt is passed on after its plan is kept.
 
-        `sharing` legs, this one included, share the time that is left.
+        `sharing` legs, this one included, share the time that is left; `needed` is as of `SegmentSearch`.
         """
         number, i, j = leg
         task = self._task.segments[number].between(self._layers[number][i], self._layers[number + 1][j])
@@ -329,7 +369,7 @@ class _Legs:
         try:
             how = {"starts": count, "first": first, "seed": self._seed, "progress": progress}
             budget = TimeBudget(seconds if self._budget.given else None)
-            plan = self._search(task, partial(plan_segment, task, workers=workers(), **how), budget)
+            plan = self._search(task, partial(plan_segment, task, workers=workers(), **how), budget, needed)
         except PlanningError as error:
             if seconds >= self._seconds.get(leg, 0.0):  # a longer search says more
                 self._errors[leg], self._seconds[leg] = error, seconds

@@ -17,7 +17,7 @@ from ocptip.basics.errors import InputError, PlanningError
 from ocptip.basics.interrupts import TimeIsUpError
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.motion_plan import MotionPlan
-from ocptip.motion.paths.search import search_path
+from ocptip.motion.paths.search import MOST_STATES, search_path
 from ocptip.motion.paths.smoothing import smoothed_path
 from ocptip.motion.planner.random_start import SLOWER, pace_that_stands
 from ocptip.motion.task import MotionTask
@@ -37,20 +37,23 @@ LEAST_GAIN = 0.01
 """Share of the cost that a timed line saves at least to replace velocity profiles, which drives run."""
 
 
-def plan_along_path(task: MotionTask, *, seed: int = 0, deadline: float = math.inf) -> MotionPlan:
+def plan_along_path(
+    task: MotionTask, *, seed: int = 0, deadline: float = math.inf, states: int = MOST_STATES
+) -> MotionPlan:
     """The motion along a path from a start to a goal of a task, as cheap or fast as its limits allow.
 
     Args:
         task: of which any pair of start and goal postures may be taken.
         seed: of the random search.
         deadline: of `time.perf_counter`, s, after which the search for a path ends.
+        states: number of tested states after which it ends.
 
     Raises:
         InputError: OMPL is not installed.
         PlanningError: there is no path, or no timing keeps all limits.
     """
     began = time.perf_counter()
-    fit = search_path(task, seed=seed, deadline=deadline)
+    fit = search_path(task, seed=seed, deadline=deadline, most=states)
     searched = time.perf_counter() - began
     plan = _timed(task, fit, seed)
     options = {"method": "path", "path": {"made_of": fit.how, "searched_s": searched}}

@@ -19,7 +19,7 @@ import scipy  # subpackages load on first use
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
 from ocptip.basics.frozen import settle
 from ocptip.numerics.batch import BatchFunction
-from ocptip.robots.collision.bounds import steepest_slopes
+from ocptip.robots.collision.bounds import DistanceBounds, steepest_slopes
 from ocptip.robots.collision.gaps import (
     NEVER,
     POSTURES,
@@ -292,6 +292,23 @@ class CollisionModel(Collisions):
             for sphere_set, extra in zip((bodies, *reach), (-1, 0.0, 0.0), strict=True)
         )
         return steepest_slopes(self.model, pairs, *extents)
+
+    @cached_property
+    def _bounds(self) -> DistanceBounds:
+        """The distances themselves, but for rounding."""
+        mount = self.model.mount_rotation, self.model.mount_position
+        links, solids = list[int](), list[Shape]()
+        for spheres in self.model.sphere_sets:
+            balls = [Ball(float(r), position=c) for c, r in zip(spheres.centres, spheres.radii, strict=True)]
+            solids += balls if spheres.link else [ball.placed(*mount) for ball in balls]
+            links += [spheres.link - 1] * len(balls)
+        solids += [obstacle.shape for obstacle in self._around]
+        pairs = [(a, len(links) + around if b == NOTHING else b) for a, b, around in self._pairs]
+        bodies = np.array([*links, *[-1] * len(self._around)])
+        return DistanceBounds(solids, bodies).of(np.array(pairs).reshape(-1, 2))
+
+    def on_line(self, begin: np.ndarray, end: np.ndarray, clearance: float) -> tuple[bool, int]:
+        return self._bounds.on_line(self.model, self.steepest, begin, end, clearance)
 
     def gaps(self, q: np.ndarray, below: float | np.ndarray = np.inf) -> np.ndarray:
         states, single = joint_states("q", q, self.model.n)

@@ -243,6 +243,44 @@ def test_starts_go_on_where_the_first_ones_ended(plan, monkeypatch):
 
 
 @pytest.mark.parametrize(
+    ("default", "cost", "calls"),
+    [
+        (1.5, 1.5, [(0, 0), (0, 1), (1, 1)]),  # what the last sequence promises cannot be the best
+        (1.0, 1.05, [(0, 0), (0, 1), (1, 1), (0, 2), (1, 2)]),
+        (1.1, 1.1, [(0, 0), (0, 1), (1, 1), (0, 2)]),  # nor with the cost of its first segment
+    ],
+)
+def test_sequences_that_fail_or_cost_too_much_are_planned_no_further(plan, monkeypatch, default, cost, calls):
+    middle = plan.motion.segments[0].goal + 1e-3 * np.arange(3)[:, None]
+    layers, done = [plan.task.starts, middle, plan.task.starts], []
+
+    def planned(task, **_):
+        segment = int(task.robot.payload is not None)
+        posture = int(np.argmin(np.abs(middle - (task.start if segment else task.goal)).max(axis=1)))
+        done.append((segment, posture))
+        if posture == 0:
+            raise PlanningError("no start stands")
+        part = plan.parts[segment]
+        check = dataclasses.replace(part.check, energy=part.check.energy * (cost if posture == 2 else 1.0))
+        return dataclasses.replace(part, check=check)
+
+    def default_cost(segment, start, goal):
+        number = int(segment.task.robot.payload is not None)
+        posture = int(np.argmin(np.abs(middle - (start if number else goal)).max(axis=1)))
+        return (default if posture == 2 else 1.0) * plan.parts[number].energy / segment.task.objective.size
+
+    monkeypatch.setattr(planning, "plan_segment", planned)
+    monkeypatch.setattr(planning, "layers_of", lambda _: layers)
+    monkeypatch.setattr(planning, "likely_sequences", lambda *_: [(0, k, 0) for k in range(3)])
+    monkeypatch.setattr(planning, "require_way_plannable", lambda *_: None)
+    monkeypatch.setattr(planning, "leg_cost", default_cost)
+    monkeypatch.setattr(planning, "rest_cost", lambda *_: 0.0)
+    found = plan_motion(plan.task, starts=2, jobs=1)
+    assert done == calls
+    assert found.parts[0].energy == plan.parts[0].energy
+
+
+@pytest.mark.parametrize(
     ("out", "back", "calls"),
     [
         (True, True, [("out", 0, 1), ("back", 0, 1), ("out", 1, 2), ("back", 1, 2)]),

@@ -27,21 +27,21 @@ def among(tmp_path_factory: pytest.TempPathFactory):
 @pytest.fixture(scope="module")
 def modular():
     """An arm of spheres among a pillar, a wall and a floor."""
-    around = (floor(-0.3), Wall(np.array([1.0, 0, 0]), 0.9), Pillar([0.5, 0.5, 0], 0.1))
+    around = (floor(-0.3), Wall(np.array([1.0, 0, 0]), 0.5), Pillar([0.35, 0.35, 0], 0.1))
     return collisions_of(load_arm("FSFS"), around, ())
 
 
-@pytest.mark.slow
-def test_nothing_tunnels_through_a_thin_plate(among):
+@pytest.mark.parametrize(
+    ("model", "widest"), [pytest.param("among", 1.2, marks=pytest.mark.slow), ("modular", 2.5)]
+)
+def test_nothing_tunnels_through_a_thin_plate(model, widest, request):
     """Every line is judged as by samples, but for those that pass within what a proof leaves open."""
-    lines, rng, seen = (
-        StraightLines(among.collision, CLEARANCE),
-        np.random.default_rng(3),
-        {True: 0, False: 0},
-    )
-    for begin, end in rng.uniform(-1.2, 1.2, (40, 2, 3)):
+    given = request.getfixturevalue(model)
+    collision = getattr(given, "collision", given)
+    lines, rng, seen = StraightLines(collision, CLEARANCE), np.random.default_rng(3), {True: 0, False: 0}
+    for begin, end in rng.uniform(-widest, widest, (40, 2, collision.n)):
         states = begin + np.linspace(0, 1, 1000)[:, None] * (end - begin)
-        least = among.collision.gaps(states, 0.01).min()
+        least = collision.gaps(states, 0.01).min()
         clear = lines.clear(begin, end)
         seen[clear] += 1
         if clear:
@@ -58,6 +58,14 @@ def test_a_plate_between_two_free_ends_is_seen(among):
     assert lines.free(end)
     assert not lines.clear(begin, end)
     assert not lines.clear(end, begin)
+
+
+def test_machine_code_judges_lines_as_batches_of_distances_do(modular, monkeypatch):
+    lines = np.random.default_rng(4).uniform(-2.5, 2.5, (60, 2, modular.n))
+    judged = [StraightLines(modular, CLEARANCE).clear(*line) for line in lines]
+    monkeypatch.setattr(modular, "on_line", lambda *_: None)
+    assert judged == [StraightLines(modular, CLEARANCE).clear(*line) for line in lines]
+    assert 10 < sum(judged) < 50
 
 
 def test_slopes_of_distances_keep_their_bounds(among, modular):

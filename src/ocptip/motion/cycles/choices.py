@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ocptip.motion.choices import plainest_cost
+from ocptip.motion.choices import NEARLY, line_overlap, plainest_cost
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.task import MotionTask, Segment, end_refusals
 from ocptip.robots.inverse.joint_angles import within_limits
@@ -22,6 +22,8 @@ COMPARED = 32
 """Pairs of postures per segment: those with the shortest joint paths, and the shortest of each posture."""
 PLANNED, WORSE = 4, 1.15
 """Maximum number of sequences of postures, and their maximum default cost relative to the best."""
+DETOUR = 1.5
+"""Cost of a segment whose straight line overlaps far, relative to that line: a path around is longer."""
 NEVER = 1e6  # cost, in units of the objective's size, of a segment whose plainest motion never stands
 _SAME = 1e-6  # rad, m
 
@@ -129,9 +131,12 @@ def leg_cost(segment: Segment, start: np.ndarray, goal: np.ndarray) -> float:
     """Cost of the synchronised default motion between postures (n,) and the rest after it, in units of the
     objective's size.
 
-    Infinite if it never stands.
+    Infinite if it never stands. Where it collides, a path around is estimated.
     """
-    cost = plainest_cost(segment.between(start, goal))
+    task = segment.between(start, goal)
+    cost = plainest_cost(task)
+    if task.robot.collision.labels and line_overlap(task)[0] > NEARLY:
+        cost *= DETOUR
     return (cost + rest_cost(segment, goal)) / segment.task.objective.size
 
 

@@ -104,13 +104,16 @@ class AllowedLines:
         return any(limit.path_excess(resting) > 0 for limit in self._limits)
 
 
-def search_path(task: MotionTask, *, seed: int = 0, deadline: float = np.inf) -> FittedPath:
+def search_path(
+    task: MotionTask, *, seed: int = 0, deadline: float = np.inf, most: int | None = None
+) -> FittedPath:
     """A path from a start to a goal of a task that keeps the clearance: straight lines with rounded corners.
 
     Args:
         task: of which all pairs of start and goal postures count.
         seed: of the random search.
         deadline: of `time.perf_counter`, s, after which the search ends.
+        most: number of tested states; default `MOST_STATES`.
 
     Raises:
         InputError: OMPL is not installed.
@@ -120,13 +123,13 @@ def search_path(task: MotionTask, *, seed: int = 0, deadline: float = np.inf) ->
     starts, goals = _ends(task)
     gaps = [task.robot.collision.least(np.array(postures)) for postures in (starts, goals)]
     extra = float(np.clip(0.5 * (min(map(np.max, gaps)) - task.limits.clearance), 0.0, EXTRA))
-    tested = 0
+    tested, most = 0, most or MOST_STATES
     for more in sorted({extra, 0.0}, reverse=True):
         lines = AllowedLines(task, more)
         ends = [[q for q in postures if lines.free(q)] for postures in (starts, goals)]
         if not all(ends):
             continue
-        how = {"seed": seed, "deadline": deadline, "most": int(MOST_STATES * (_WITH_EXTRA if more else 1))}
+        how = {"seed": seed, "deadline": deadline, "most": int(most * (_WITH_EXTRA if more else 1))}
         result = _shortest(task, lines, *ends, **how)
         if result is not None and lines.broken(result):
             lines.at_rest = True
@@ -239,7 +242,7 @@ def _connected(
 
     class Validity(base.StateValidityChecker):
         def isValid(self, state: Any) -> bool:
-            return lines.free(values(state))
+            return True  # ends are checked before, and all other states with the lines to them
 
     class Motions(base.MotionValidator):
         def checkMotion(self, begin: Any, end: Any, *_: Any) -> bool:

@@ -1,7 +1,8 @@
-"""Lower bounds of the distances of pairs of solids, for all pairs and states at once.
+"""Lower bounds of the distances of pairs of solids, for all pairs and states at once; and of straight lines
+in joint space, whether all their states keep a clearance.
 
-They come from capsules that enclose the solids, and from the planes of boxes and half spaces, which are much
-closer for a board of a shelf.
+Bounds come from capsules that enclose the solids, and from the planes of boxes and half spaces, which are
+much closer for a board of a shelf.
 """
 
 from __future__ import annotations
@@ -59,6 +60,25 @@ class DistanceBounds:
         _bounds(axes, origins, bodies, *solids, self._pairs, wanted, values)
         return values
 
+    def on_line(
+        self, arm: ArmModel, steepest: np.ndarray, begin: np.ndarray, end: np.ndarray, clearance: float
+    ) -> tuple[bool, int]:
+        """Whether the bounds prove that a line keeps a clearance, and of how many states they were computed.
+
+        Args:
+            arm: whose links are the bodies.
+            steepest: (m, n) of the pairs, see `steepest_slopes`.
+            begin, end: (n,) each, rad (sliding joints: m).
+            clearance: m.
+        """
+        moved = end - begin
+        if (coupling := arm.coupling) is not None:
+            begin, end = (coupling.ratios * q[coupling.leaders] + coupling.offsets for q in (begin, end))
+        chain = arm.mount_rotation, arm.mount_position, arm.rotations, arm.offsets, arm.slides
+        solids = self._bodies, self._ends, self._radii, self._planes, self._begins
+        tested = _on_line(begin, end, moved, clearance, steepest, *chain, *solids, self._pairs)
+        return tested > 0, abs(tested)
+
 
 def _planes(shape: Shape) -> np.ndarray:
     """Outward normals and levels (f, 4), body axes, of a half space or a box: inside n . p + level <= 0."""
@@ -111,7 +131,8 @@ def _bounds(axes, origins, bodies, ends, radii, planes, begins, pairs, enough, r
                             low += faces[p, i] * placed[solid, 0, i]
                             high += faces[p, i] * placed[solid, 1, i]
                         bound = max(bound, min(low, high) - radii[solid] - _ROUNDED)
-            if bound < enough[m] and radii[a] < np.inf and radii[b] < np.inf:
+            balls = reach[a] == radii[a] and reach[b] == radii[b]
+            if bound < enough[m] and radii[a] < np.inf and radii[b] < np.inf and not balls:
                 bound = max(bound, between_lines(placed[a], placed[b]) - (radii[a] + radii[b]))
             result[n, m] = bound
 
@@ -141,6 +162,100 @@ def between_lines(first, second):
         apart = first[0, i] - second[0, i] + s * along - t * across
         square += apart * apart
     return np.sqrt(square)
+
+
+FIRST = 0.1
+"""m: what solids move at most between the first sample and the ends of its interval."""
+
+LAST = 5e-4
+"""m: of the smallest intervals. A line that is nearer to the clearance than this counts as not clear."""
+
+
+@compiled
+def _on_line(
+    begin, end, moved, clearance, steepest, mount, position, rotations, offsets, slides,
+    bodies, ends, radii, planes, begins, pairs,
+):  # fmt: skip
+    """The number of states of which bounds were computed; negative: they prove nothing."""
+    links, most, tested, left = len(begin), 0.0, 0, len(pairs)
+    swept, near = np.zeros(left), pairs  # of the pairs that are not proved to be apart all the way
+    for m in range(left):
+        for j in range(len(moved)):
+            swept[m] += abs(moved[j]) * steepest[m, j]
+        most = max(most, swept[m])
+    count = 1 + int(most / (2 * FIRST))
+    half, middles = 0.5 / count, np.empty(count)
+    for k in range(count):
+        middles[k] = (k + 0.5) / count
+    joints, bodies_at_rest = np.empty(links), np.empty(len(bodies), np.int64)
+    for s in range(len(bodies)):
+        bodies_at_rest[s] = bodies[s] if bodies[s] >= 0 else links
+    axes, origins = np.empty((1, links + 1, 3, 3)), np.empty((1, links + 1, 3))
+    while count > 0:
+        needed, gaps, is_near = np.empty(left), np.empty((1, left)), np.zeros(left, np.bool_)
+        for m in range(left):
+            needed[m] = clearance + half * swept[m]
+        halves, kept = np.empty(2 * count), 0
+        for k in range(count):
+            tested += 1
+            for j in range(links):
+                joints[j] = begin[j] + middles[k] * (end[j] - begin[j])
+            _place(joints, mount, position, rotations, offsets, slides, axes[0], origins[0])
+            _bounds(axes, origins, bodies_at_rest, ends, radii, planes, begins, near, needed, gaps)
+            nearer = False
+            for m in range(left):
+                if gaps[0, m] < clearance:
+                    return -tested
+                if gaps[0, m] < needed[m]:
+                    nearer = is_near[m] = True
+            if nearer:
+                halves[kept], halves[kept + 1] = middles[k] - 0.5 * half, middles[k] + 0.5 * half
+                kept += 2
+        half *= 0.5
+        if kept > 0 and half * most < LAST:
+            return -tested
+        among, left = left, 0
+        for m in range(among):
+            left += is_near[m]
+        nearest, moves, row = np.empty((left, 2), np.int64), np.empty(left), 0
+        for m in range(among):
+            if is_near[m]:
+                nearest[row, 0], nearest[row, 1], moves[row] = near[m, 0], near[m, 1], swept[m]
+                row += 1
+        near, swept, middles, count = nearest, moves, halves, kept
+    return tested
+
+
+@compiled
+def _place(joints, mount, position, rotations, offsets, slides, axes, origins):
+    """Axes (L + 1, 3, 3) and origins (L + 1, 3), m, of an arm's links; the last body rests."""
+    links = len(joints)
+    turn, place, constant = np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    for i in range(3):
+        place[i] = position[i]
+        origins[links, i] = 0.0
+        for j in range(3):
+            turn[i, j] = mount[i, j]
+            axes[links, i, j] = 1.0 if i == j else 0.0
+    for k in range(links):
+        for i in range(3):
+            for j in range(3):
+                constant[i, j] = 0.0
+                for other in range(3):
+                    constant[i, j] += turn[i, other] * rotations[k, other, j]
+        c, s, shift = np.cos(joints[k]), np.sin(joints[k]), 0.0
+        if slides[k]:
+            c, s, shift = 1.0, 0.0, joints[k]
+        for i in range(3):
+            turn[i, 0] = c * constant[i, 0] + s * constant[i, 1]
+            turn[i, 1] = c * constant[i, 1] - s * constant[i, 0]
+            turn[i, 2] = constant[i, 2]
+            place[i] += shift * constant[i, 2]
+        for i in range(3):
+            origins[k, i] = place[i]
+            for j in range(3):
+                axes[k, i, j] = turn[i, j]
+                place[i] += turn[i, j] * offsets[k, j]
 
 
 _ENDLESS = 1e6  # m: stands for infinite, of arms whose sliding joints have no limits
@@ -194,13 +309,6 @@ def _slide_ranges(arm: ArmModel) -> np.ndarray:
     return np.where(arm.slides, most, 0.0)
 
 
-FIRST = 0.1
-"""m: what solids move at most between the first sample and the ends of its interval."""
-
-LAST = 5e-4
-"""m: of the smallest intervals. A line that is nearer to the clearance than this counts as not clear."""
-
-
 class StraightLines:
     """Decides which states of a mechanism, and straight lines between them, keep a clearance.
 
@@ -224,6 +332,10 @@ class StraightLines:
 
     def clear(self, begin: np.ndarray, end: np.ndarray) -> bool:
         """Whether every state from begin to end, (n,) each, keeps the clearance; False: not proved."""
+        on_line = self._collision.on_line(begin, end, self._clearance)
+        if on_line is not None:
+            self.tested += on_line[1]
+            return on_line[0]
         swept = self._collision.approach((end - begin)[None])[0]
         most = float(np.max(swept, initial=0.0))
         count = max(1, int(np.ceil(most / (2 * FIRST))))

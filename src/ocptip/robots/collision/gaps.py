@@ -111,6 +111,12 @@ class Collisions:
         gaps = self.gaps(q, needed)
         return None if np.any(gaps < least) else np.all(gaps >= needed, axis=1)
 
+    def on_line(self, begin: np.ndarray, end: np.ndarray, clearance: float) -> tuple[bool, int] | None:
+        """Whether a line is clear, and of how many states that was computed, where one call of machine code
+        says it, see `DistanceBounds.on_line`; else None.
+        """
+        return None
+
     def slopes(
         self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, *, once: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
