@@ -112,6 +112,9 @@ def test_it_is_said_where_rigid_bodies_leave_open_whether_the_base_stands(case):
     assert found.later(2.0).first_weak == 2 + times[weak[0]]
     both = found.worse(found)
     assert (both.weak, both.first_weak) == (2 * found.weak, found.first_weak)
+    springs = robot.varied(support=support.varied([replace(c, stiffness=1e5) for c in support.contacts]))
+    instants = Instants(springs, still, still, wrenches, still[:, :0], still, still)
+    assert ContactMargins.of(instants, times).weak == 0
 
 
 def test_what_has_no_meaning_is_left_out(case):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.text import percent, quantity
-from ocptip.reserves.equal_compliance import equal_sharing
+from ocptip.reserves.equal_compliance import equal_sharing, face_each_other
 from ocptip.reserves.friction_needed import FrictionDemand
 from ocptip.standing.instants import Loaded
 
@@ -66,7 +66,8 @@ class ContactMargins:
             tangential forces would hold it.
         unique: the normal forces are determined; otherwise those of motion.csv are one possible sharing.
         weak: number of instants of the first grid at which forces can hold the base, but the contact solver
-            came upon a motion, see `contact.resting`; there may be more at which it did not.
+            came upon a motion, see `contact.resting`; there may be more at which it did not. 0 on declared
+            springs, whose forces are unique.
         first_weak: the first of them, s; infinite without any.
         alike: where the sharing of rigid feet is not determined: the minimum normal force of equally
             compliant feet, N, below zero if one would have to pull; it lifts then for a while, and the others
@@ -91,6 +92,9 @@ class ContactMargins:
         tip, tip_over = loaded.tip, loaded.footing.tip_over
         pairs = [(min(axis.contacts) + 1, max(axis.contacts) + 1) for axis in tip_over.axes]
         weak = loaded.states.persistent & loaded.states.without_basis
+        support = loaded.footing.support
+        if support.elastic and not face_each_other(support):
+            weak[:] = False  # declared springs decide how the load is shared
         unique, equal = loaded.footing.slip.redistribution == "tangential", equal_sharing(loaded.states)
         force = equal.normal_forces if equal else tip.normal_reserves
         needed, missing = _beyond_friction(loaded, times)

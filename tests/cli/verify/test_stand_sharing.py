@@ -125,7 +125,8 @@ def test_the_headline_says_that_an_equally_compliant_foot_lifts(capsys, tmp_path
     assert (code, data["persistent"]) == (0, True)
     lifted = [k + 1 for k in np.flatnonzero(normal < 0)]
     assert data["equal_compliance"]["lifts"] == lifted
-    assert f"with equally compliant feet contact {lifted[0]} lifts" in text.splitlines()[0]
+    names = " and ".join(map(str, lifted))
+    assert f"with equally compliant feet contacts {names} lift" in text.splitlines()[0]
 
 
 def test_above_one_the_friction_needed_is_a_number_of_its_own(capsys, tmp_path):

@@ -7,11 +7,14 @@ import pytest
 
 from ocptip.api.chart import halton_postures
 from ocptip.api.inputs.postures import RestingPosture
+from ocptip.api.stand import stand
 from ocptip.api.tasks import load_task
+from ocptip.cli.verify.stand import StandReport
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.tolerated import tolerated
 from ocptip.reserves.equal_compliance import equal_sharing, equally_compliant
+from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.alike_friction import AlikeFriction
 from ocptip.standing.at_rest.directions import around, pushes, tilted
@@ -96,6 +99,70 @@ def test_the_largest_push_on_a_posture_is_what_the_wheels_bear():
         ]
         assert (search.lost(np.vstack(pushed)) is None) == holds
     assert found.how.endswith("slips if equally compliant")
+
+
+def test_the_largest_horizontal_push_is_horizontal_and_no_smaller():
+    support = on_wheels(1e-4)
+    posture = RestingPosture.of("cart", "given", carried(support), np.zeros(1), Limits())
+    level, any_push = posture.largest_horizontal_push, posture.largest_push
+    assert level is not None
+    assert any_push is not None
+    assert level.level >= any_push.level * (1 - 2e-3)
+    loads = RestLoads(posture.robot, posture.q[None])
+    search = LossSearch(posture.robot, AlikeFriction(posture.robot))
+    for share, holds in ((0.99, True), (1.01, False)):
+        pushed = [
+            loads.wrenches(support.gravity) + loads.at_tool(share * level.level * side)
+            for side in around(support.gravity, 180)
+        ]
+        assert (search.lost(np.vstack(pushed)) is None) == holds
+
+
+def test_the_first_contact_to_lift_pulls_beyond_its_push_and_no_other_push_lifts_one():
+    """Normal forces by least squares of the balance about the ground."""
+    support = on_wheels(0.3, 0.1)
+    posture = RestingPosture.of("cart", "given", carried(support), np.zeros(1), Limits())
+    lift = posture.first_lift
+    assert lift is not None
+    places = np.array([contact.position for contact in support.contacts]) - support.center_of_mass
+    balance = np.linalg.pinv(np.array([np.ones(6), places[:, 1], -places[:, 0]]))
+    loads = RestLoads(posture.robot, posture.q[None])
+
+    def pressing(push: np.ndarray) -> np.ndarray:
+        w = (loads.wrenches(support.gravity) + loads.at_tool(push))[0]
+        height = support.center_of_mass[2]
+        return balance @ -np.array([w[2], w[3] - height * w[1], w[4] + height * w[0]])
+
+    worst = lift.force * np.array(lift.towards)
+    assert lift.towards[2] == pytest.approx(0.0, abs=1e-12)
+    assert pressing(0.999 * worst).min() > 0
+    assert np.flatnonzero(pressing(1.001 * worst) < 0) + 1 == lift.contact
+    for side in around(support.gravity, 180):
+        assert pressing(0.999 * lift.force * side).min() > 0
+
+
+def test_equally_compliant_wheels_bear_a_third_of_the_process_that_the_best_sharing_does():
+    """A horizontal force along the ground: casters take no load at best, two thirds of it if compliant."""
+    robot = carried(on_wheels(1e-4))
+    weight, tool = 60 * 9.81, RestLoads(robot, np.zeros((1, 1))).tool[0]
+    force = np.array([2 * FRICTION * weight, 0.0, 0.0])
+    process = ProcessWrench(force, -np.cross(tool, force), "base")
+    robot = robot.varied(arm=robot.arm.with_process(process))
+    posture = RestingPosture.of("cart", "given", robot, np.zeros(1), Limits())
+    found = posture.possible_process(NONE)
+    assert found is not None
+    assert found.best_sharing == pytest.approx(1 / 2, abs=6e-3)
+    assert found.equally_compliant == pytest.approx(1 / 6, abs=6e-3)
+    text = " ".join(StandReport(stand(posture, uncertainty="none")).to_text().split())
+    assert "16 % of it keep all contacts with equally compliant feet, " in text
+
+
+def test_pushes_are_reported_with_the_contact_that_lifts_first():
+    posture = RestingPosture.of("cart", "given", carried(on_wheels(0.3, 0.1)), np.zeros(1), Limits())
+    text = " ".join(StandReport(stand(posture, uncertainty="none")).to_text().split())
+    lift = posture.first_lift
+    assert "horizontal: " in text
+    assert f"contact {lift.contact} lifts first, at {lift.force:.4g} N towards" in text
 
 
 @pytest.mark.parametrize("kind", [RaisedTilt, RaisedPush])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -15,11 +16,12 @@ from ocptip.basics.text import did_you_mean, quantity, towards
 from ocptip.contact.support import Load, Support
 from ocptip.motion.cycles.task import CycleTask, Task
 from ocptip.numerics.bisection import border
+from ocptip.reserves.equal_compliance import normal_map_of
 from ocptip.robots.base_motion import BaseMotion
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.alike_friction import AlikeFriction
-from ocptip.standing.at_rest.directions import pushes
+from ocptip.standing.at_rest.directions import Directions, pushes, slopes
 from ocptip.standing.at_rest.largest_level import largest_levels_kept
 from ocptip.standing.at_rest.levels import largest_tried
 from ocptip.standing.at_rest.load_cases import RestLoads
@@ -74,6 +76,41 @@ class LargestPayload:
         if self.limit == self.contacts_limit:
             return drives
         return f"{drives}; contacts alone {_mass_text(self.contacts_kg, self.contacts_limit)}"
+
+
+@dataclass(frozen=True)
+class FirstLift:
+    """The smallest horizontal push at the TCP under which a contact lifts, if friction holds.
+
+    Attributes:
+        contact: which, counted from 1.
+        force: of the push, N.
+        towards: (3,) its direction, base axes.
+    """
+
+    contact: int
+    force: float
+    towards: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class PossibleProcess:
+    """Shares, 0 to 1, of what acts on the gripper with which no contact is lost.
+
+    Attributes:
+        equally_compliant: with equally compliant contacts; None where they slide no earlier than others.
+        best_sharing: with the sharing of the load that holds best, or that of declared springs.
+    """
+
+    equally_compliant: float | None
+    best_sharing: float
+
+    def __str__(self) -> str:
+        best = f"{np.floor(100 * self.best_sharing):.0f} %"
+        if self.equally_compliant is None:
+            return f"{best} of it keep all contacts"
+        equal = f"{np.floor(100 * self.equally_compliant):.0f} % of it keep all contacts"
+        return f"{equal} with equally compliant feet, {best} with the best sharing of the load"
 
 
 def _mass_text(mass: float, limit: str) -> str:
@@ -159,13 +196,41 @@ class RestingPosture:
     @cached_property
     def largest_push(self) -> LargestLevel | None:
         """The largest push at the TCP, N, in its worst direction, that loses no contact; None as a slope."""
+        return self._largest_push(pushes)
+
+    @cached_property
+    def largest_horizontal_push(self) -> LargestLevel | None:
+        """The same of pushes along level ground."""
+        return self._largest_push(slopes)
+
+    def _largest_push(self, directions: Callable[[np.ndarray], Directions]) -> LargestLevel | None:
         if self.largest_slope is None:
             return None
         robot, gravity = Robot.of(self.robot), self.robot.support.gravity
         loads = RestLoads(robot, self.q[None])
         nominal, most = loads.wrenches(gravity), robot.mass * float(np.linalg.norm(gravity))
         search = LossSearch(robot, AlikeFriction.if_held(robot, nominal))
-        return search.largest(most, pushed(nominal, loads.at_tool, towards), pushes(gravity))
+        return search.largest(most, pushed(nominal, loads.at_tool, towards), directions(gravity))
+
+    @cached_property
+    def first_lift(self) -> FirstLift | None:
+        """The first contact that a horizontal push lifts, with declared springs or equally compliant feet.
+
+        None as a slope, where the sharing of the load is unique or not known, and where one lifts already.
+        """
+        normal_map, gravity = normal_map_of(self.robot.support), self.robot.support.gravity
+        if normal_map is None or self.largest_slope is None:
+            return None
+        loads, down = RestLoads(Robot.of(self.robot), self.q[None]), gravity / np.linalg.norm(gravity)
+        forces = normal_map @ loads.wrenches(gravity)[0]
+        per_newton = normal_map @ np.column_stack([loads.at_tool(axis)[0] for axis in np.eye(3)])
+        level = per_newton - np.outer(per_newton @ down, down)
+        sizes = np.linalg.norm(level, axis=1)
+        pushes_to_lift = np.divide(forces, sizes, out=np.full(len(sizes), np.inf), where=sizes > 0)
+        k = int(np.argmin(pushes_to_lift))
+        if not 0 < pushes_to_lift[k] < np.inf:
+            return None
+        return FirstLift(k + 1, float(pushes_to_lift[k]), tuple((-level[k] / sizes[k]).tolist()))
 
     @cached_property
     def held_by_drives(self) -> float:
@@ -205,25 +270,28 @@ class RestingPosture:
         """The force and moment that act on the gripper at rest, if any."""
         return self.robot.arm.process if self.robot.arm else None
 
-    def possible_process(self, tolerance: Uncertainty) -> float | None:
-        """Share, 0 to 1, of what acts on the gripper with which no contact is lost within an uncertainty.
+    def possible_process(self, tolerance: Uncertainty) -> PossibleProcess | None:
+        """How much of what acts on the gripper loses no contact within an uncertainty.
 
         None where nothing acts, on a base that drives, and for mechanisms that are no arm.
         """
         process, counts = self.process, self._counting(tolerance)
         if self.base_motion is not None or process is None:
             return None
-        robot = Robot.of(self.robot)
 
-        def kept(share: float) -> bool:
-            less = ProcessWrench(share * process.wrench[:3], share * process.wrench[3:], process.axes)
-            other = robot.varied(arm=robot.arm.with_process(less))
-            case = posture_case(other, self.q, counts)(counts)
-            return case.tip()[0] < 1 and case.slip()[0] < 1
+        def largest(robot: Robot) -> float:
+            def kept(share: float) -> bool:
+                less = ProcessWrench(share * process.wrench[:3], share * process.wrench[3:], process.axes)
+                other = robot.varied(arm=robot.arm.with_process(less))
+                case = posture_case(other, self.q, counts)(counts)
+                return case.tip()[0] < 1 and case.slip()[0] < 1
 
-        if kept(1.0) or not kept(0.0):
-            return 1.0 if kept(1.0) else 0.0
-        return border(kept, 0.0, 1.0, lambda low, high: high - low <= _CLOSE)[0]
+            if kept(1.0) or not kept(0.0):
+                return 1.0 if kept(1.0) else 0.0
+            return border(kept, 0.0, 1.0, lambda low, high: high - low <= _CLOSE)[0]
+
+        alike = (robot := Robot.of(self.robot)).if_alike
+        return PossibleProcess(None if alike is None else largest(alike), largest(robot))
 
     def sensitivities(self, tolerance: Uncertainty) -> tuple[Sensitivity, ...]:
         """What changes of the robot and its base would do at rest in this posture, within an uncertainty.
@@ -280,7 +348,11 @@ class RestingPosture:
             "units": list(self.robot.units),
             "torques": self.instant.torques[0].tolist(),
             "broken": self.refusals,
-            "largest_push": self.largest_push and vars(self.largest_push),
+            **{
+                name: result and vars(result)
+                for name in ("largest_push", "largest_horizontal_push", "first_lift")
+                for result in (getattr(self, name),)
+            },
         }
 
 

@@ -15,7 +15,7 @@ from ocptip import pictures
 from ocptip.api.inputs.requirements import PAYLOAD, Outcome, Requirement, deviation, read_requirements
 from ocptip.api.inputs.worst_scene import worst_of_scene
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import NOISE, percent, quantity
+from ocptip.basics.text import NOISE, enumerated, percent, quantity
 from ocptip.basics.write import versions, write_json
 from ocptip.contact.elastic import Shared
 from ocptip.contact.states import ContactState, ContactStates
@@ -32,7 +32,7 @@ from ocptip.standing.tolerance import NONE, Uncertainty
 from ocptip.task_files.scene import Scene
 
 if TYPE_CHECKING:
-    from ocptip.api.inputs.postures import LargestPayload, RestingPosture
+    from ocptip.api.inputs.postures import LargestPayload, PossibleProcess, RestingPosture
     from ocptip.standing.at_rest.sensitivity import Sensitivity
     from ocptip.standing.within.design import Design
     from ocptip.standing.within.rest import WithinAtRest
@@ -292,8 +292,8 @@ class Standing:
         return scene_design(support, self.scene.loads, tolerance)
 
     @cached_property
-    def possible_process(self) -> float | None:
-        """Share of the process in this posture that loses no contact; None as `RestingPosture` has it."""
+    def possible_process(self) -> PossibleProcess | None:
+        """How much of the process loses no contact in this posture; None as `RestingPosture` has it."""
         return None if self.posture is None else self.posture.possible_process(self.tolerance)
 
     @cached_property
@@ -322,11 +322,12 @@ class Standing:
         if self.equal is None:
             return ""
         lifted = np.flatnonzero(self.equal.lifts[0]) + 1
-        results = [f"contact {k} lifts" for k in lifted]
+        results = [f"{_contact_names(lifted).lower()} lift{'s' * (len(lifted) < 2)}"] * bool(lifted.size)
         if not self.equal.stands[0]:
-            used = self.equal.usage[0]
-            most = f" (contact {np.nanargmax(used) + 1} would need {percent(np.nanmax(used))} of it)"
-            results += [f"the friction is not enough{most if np.isfinite(used).any() else ''}"]
+            # About a single wheel left the base turns, however little of its friction it uses.
+            used = np.nan_to_num(self.equal.usage[0])
+            most = f" (contact {np.argmax(used) + 1} would need {percent(np.max(used))} of it)"
+            results += [f"the friction is not enough{most if np.max(used) >= 1 else ''}"]
         return f"with equally compliant feet {' and '.join(results)}" if results else ""
 
     @property
@@ -391,7 +392,7 @@ class Standing:
             **({"classical": {**self.classical.to_dict(), "edges": edges}} if self.classical else {}),
             "largest_slope": self.largest_slope and self.largest_slope.to_dict(),
             "largest_payload": self.largest_payload and vars(self.largest_payload),
-            "process_share": self.possible_process,
+            "process_share": self.possible_process and vars(self.possible_process),
             "wrench": self.scene.wrench,
             **({"sensitivities": changes} if changes else {}),
             **({"posture": self.posture.to_dict()} if self.posture else {}),
@@ -446,5 +447,4 @@ class Standing:
 
 def _contact_names(numbers: np.ndarray) -> str:
     """The contacts: "Contact 3", "Contacts 1, 2 and 4"."""
-    *first, last = map(str, numbers)
-    return f"Contacts {', '.join(first)} and {last}" if first else f"Contact {last}"
+    return f"Contact{'s' * (len(numbers) > 1)} {enumerated([*map(str, numbers)])}"

@@ -184,17 +184,18 @@ class StandReport(GatedReport):
         if np.isfinite(forces).any():
             k = int(np.nanargmin(np.where(np.isfinite(forces), forces, np.nan)))
             rows.append(("Min foot force", f"{quantity(max(forces[k], 0.0), 'N')} (contact {k + 1})"))
+        best = result.equal and not result.equal.stands[0]
+        case = "nominal, with the best sharing of the load" if best else "nominal"
         if result.largest_slope:
-            rows.append(("Max slope", _slope_text(result.largest_slope)))
-        if (push := result.posture and result.posture.largest_push) and push.row >= 0:
-            rows.append(("Max push", f"{quantity(push.level, 'N')} at the TCP, nominal, {push.how}"))
+            rows.append(("Max slope", _slope_text(result.largest_slope, case)))
+        if result.posture:
+            rows += under("Max push", _push_texts(result.posture, case))
         if largest := result.largest_payload:
             scope = f"within {result.tolerance.title}" if result.tolerance.given else "nominal"
             rows.append(("Max payload", f"{largest}; all that hangs at the TCP, {scope}, limits kept"))
         if result.posture and (share := result.possible_process) is not None:
             scope = f"within {result.tolerance.title}" if result.tolerance.given else "nominal"
-            kept = "all of it keeps" if share == 1 else f"{np.floor(100 * share):.0f} % of it keep"
-            rows.append(("Process", f"{result.posture.process}: {kept} all contacts, {scope}"))
+            rows.append(("Process", f"{result.posture.process}: {share}, {scope}"))
         return rows
 
     def _object_table(self) -> list[str]:
@@ -347,11 +348,26 @@ def _share_text(share: float) -> str:
     return quantity(100 * share if share > NOISE else 0.0, "%", 3)
 
 
-def _slope_text(slope: FloorSlope) -> str:
+def _push_texts(posture: RestingPosture, case: str) -> Iterator[str]:
+    """The largest pushes at the TCP, in any direction and horizontal, and the first contact to lift."""
+    push, level, lift = posture.largest_push, posture.largest_horizontal_push, posture.first_lift
+    if push is None or level is None or push.row < 0:
+        return
+    yield f"{quantity(push.level, 'N')} at the TCP, {case}, {push.how}"
+    if level.row >= 0:
+        yield f"horizontal: {quantity(level.level, 'N')} {level.how}"
+    if lift is not None:
+        conditions = ["if friction held"] * (lift.force > level.level)
+        conditions += [] if posture.robot.support.elastic else ["if equally compliant"]
+        force = f"{quantity(lift.force, 'N')} {towards(np.array(lift.towards))}"
+        yield ", ".join([f"contact {lift.contact} lifts first, at {force}", *conditions])
+
+
+def _slope_text(slope: FloorSlope, case: str) -> str:
     """The largest slope of the floor, and what happens beyond it."""
     angle = quantity(float(np.degrees(slope.angle)), "deg", 3)
     if not slope.loss:
-        return f">= {angle} of the floor in any direction, nominal"
+        return f">= {angle} of the floor in any direction, {case}"
     about = " if its feet are equally compliant" * slope.alike
     about += f" about contacts {' and '.join(map(str, slope.contacts))}" if slope.contacts else ""
     downhill = f"downhill {towards(slope.downhill)}"
@@ -359,7 +375,7 @@ def _slope_text(slope: FloorSlope) -> str:
     if slope.loss != "tips" and slope.tips is not None:
         tips = quantity(float(np.degrees(slope.tips)), "deg", 3)
         also = f", if friction held it would tip at {tips} in its worst direction"
-    return f"{angle} of the floor, nominal, {downhill}; beyond it the base {slope.loss}{about}{also}"
+    return f"{angle} of the floor, {case}, {downhill}; beyond it the base {slope.loss}{about}{also}"
 
 
 def _feet_text(feet: Shared) -> str:
