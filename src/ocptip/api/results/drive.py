@@ -11,6 +11,7 @@ import numpy as np
 
 from ocptip.api.results.drive_arguments import DriveArguments
 from ocptip.api.results.drive_files import limits_csv, manoeuvre_limits, smoother_yaml
+from ocptip.api.results.smoother import Smoother
 from ocptip.basics.errors import positive_number
 from ocptip.basics.outputs import SavedFolder
 from ocptip.basics.write import versions
@@ -256,36 +257,42 @@ class DriveEnvelope(SavedFolder):
         return any(bool(np.any(one.slip[some] >= one.tip[some])) for one in (self.nominal, self.worst))
 
     @cached_property
-    def navigation(self) -> dict[str, list[float]]:
-        """Limits that hold all at once, as parameters of Nav2's velocity smoother: x, y, turning.
+    def smoother(self) -> Smoother:
+        """Parameters of Nav2's velocity smoother, forward and in both directions.
 
         The largest share of the single limits such that every corner of them is kept, and every step from
-        one corner to another. Reverse is allowed only where they also hold then: accelerating backwards by
-        max_accel, braking by max_decel.
+        one corner to another.
         """
+        forward, brake, speed = self._capped("accelerate"), self._capped("brake"), self.given.speed
+        same = min(forward, brake)
+        return Smoother(self._smoother(forward, brake, (speed,)), self._smoother(same, same, (speed, -speed)))
+
+    @property
+    def navigation(self) -> dict[str, list[float]]:
+        """The parameters to set: x, y, turning."""
+        return self.smoother.parameters
+
+    def _smoother(self, forward: float, brake: float, speeds: tuple[float, ...]) -> dict[str, list[float]]:
+        """The largest share of limits forward and while braking that holds at these speeds."""
         swing = 1 + 2 * self.counting.overshoot  # of a step from one end of a symmetric interval to the other
-        forward, brake = self._capped("accelerate"), self._capped("brake")
         side = min(self._capped("left"), self._capped("right")) if self.given.holonomic else 0.0
         start = min(self._capped("start_turning_left"), self._capped("start_turning_right"))
         turn, speed = min(self._capped("turn_left"), self._capped("turn_right")), self.given.speed
-        sideways = speed if side else 0.0
-        step, both = self.counting.overshoot * (forward + brake), swing * max(forward, brake)
-
-        def share(ahead: tuple[float, float], speeds: tuple[float, ...]) -> float:
-            accelerations = ahead, {swing * side, -swing * side}, (swing * start, -swing * start)
-            velocities = speeds, {sideways, -sideways}, (turn, -turn)
-            corners = Manoeuvres.corners(accelerations, velocities, self.robot.support.gravity)
-            every = [
-                envelope._largest(corners, self.counting).largest
-                for envelope in (self, *self.objects.values())
-            ]
-            return min(1.0, float(np.min(every)))
-
-        most = share((forward + step, -brake - step), (speed,))
-        reverse = speed if share((both, -both), (speed, -speed)) >= most * (1 - _SAME) else 0.0
+        sideways, step = speed if side else 0.0, self.counting.overshoot * (forward + brake)
+        accelerations = (
+            (forward + step, -brake - step),
+            {swing * side, -swing * side},
+            (swing * start, -swing * start),
+        )
+        velocities = speeds, {sideways, -sideways}, (turn, -turn)
+        corners = Manoeuvres.corners(accelerations, velocities, self.robot.support.gravity)
+        every = [
+            envelope._largest(corners, self.counting).largest for envelope in (self, *self.objects.values())
+        ]
+        most = min(1.0, float(np.min(every)))
         return {
             "max_velocity": [speed, sideways, most * turn],
-            "min_velocity": [0.0 - reverse, 0.0 - sideways, -most * turn],
+            "min_velocity": [min(0.0, *speeds), 0.0 - sideways, -most * turn],
             "max_accel": [most * forward, most * side, most * start],
             "max_decel": [-most * brake, -most * side, -most * start],
         }
@@ -303,13 +310,6 @@ class DriveEnvelope(SavedFolder):
         down = np.trunc(1e3 * min(self._capped(f"brake_{name}") for name in slopes)) / 1e3
         slope = f"a slope of {np.degrees(given):.4g} deg"
         return f"{level}; straight braking on {slope}: {down:.4g} m/s^2 at most"
-
-    @property
-    def reverse(self) -> str:
-        """Whether the parameters for navigation let the base reverse, in words."""
-        if self.navigation["min_velocity"][0] < 0:
-            return "reverse: as fast as forward"
-        return "reverse: no, the smoother accelerates backwards by max_accel, brakes by max_decel: too much"
 
     @property
     def together(self) -> str:
@@ -424,7 +424,7 @@ class DriveEnvelope(SavedFolder):
             edge,
             ASSUMED,
             self.sharing,
-            self.reverse,
+            self.smoother.reverse,
             lift,
             self.choice,
         )

@@ -54,7 +54,7 @@ class DriveReport(FolderReport):
         if result.broken:
             verdict += f", {'BUT' if result.stands else 'AND'} THE ARM CANNOT REST THERE"
         head = f"{result.name}   {verdict}, {result.scope}."
-        rows = envelope_rows(result)
+        rows, count = envelope_rows(result), 5 if result.within else 4  # columns of the base
         lines = [
             self._arm(),
             *under("broken", result.broken),
@@ -75,7 +75,9 @@ class DriveReport(FolderReport):
         text = [
             *headlines(head),
             "",
-            *table(rows, left=(0, 1, *range(4 if result.within else 3, len(rows[0])))),
+            *table([row[:count] for row in rows], left=(0, 1, count - 1)),
+            *([""] if result.objects else []),
+            *(table([[*row[:2], *row[count:]] for row in rows], left=(0, 1, 2)) if result.objects else []),
             "",
             *fitted(lines),
         ]
@@ -98,7 +100,7 @@ class DriveReport(FolderReport):
         return f"slide before the base tips {when} on level ground, with the given friction"
 
     def _navigation(self) -> list[str]:
-        return [*self._together(), self.result.together, self.result.reverse, self.result.ground]
+        return [*self._together(), self.result.together, self.result.smoother.reverse, self.result.ground]
 
     def _together(self) -> list[str]:
         names = {"max_velocity": ("m/s", "rad/s"), "max_accel": ("m/s^2", "rad/s^2")}
@@ -114,7 +116,8 @@ class DriveReport(FolderReport):
 def envelope_rows(drive_envelope: DriveEnvelope) -> list[list[str]]:
     """Titles, then a row per manoeuvre: its largest values, nominal and worst case, and what limits it."""
     within = ["worst case", "limits the worst case"] if drive_envelope.within else ["limited by"]
-    rows = [["", "", "nominal", *within, *(["objects"] if drive_envelope.objects else [])]]
+    objects = f"objects, {'worst case' if drive_envelope.within else 'nominal'}"
+    rows = [["", "", "nominal", *within, *([objects] if drive_envelope.objects else [])]]
     for index, one in enumerate(drive_envelope.manoeuvres, len(drive_envelope.angles)):
         cells = [
             _limit(value_given, index, one)
