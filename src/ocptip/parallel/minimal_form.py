@@ -225,11 +225,12 @@ def _platform_measure(robot: ParallelRobot, jacobian: cs.SX, z: cs.SX) -> cs.SX:
 def _carried(projection: Projection) -> cs.SX:
     """Force and moment about the world origin that move and carry all bodies, (6,), world axes."""
     wrenches = [(*projection.platform_load(), projection.platform.position)]
-    for leg, motion in zip(projection.legs, projection.motions, strict=True):
+    for one in projection.legs:
+        leg = one.model
         point = leg.origin
         for body in range(leg.size):
             to_world = leg.rotation(0, body + 1)
-            force, moment = body_wrench(leg.inertia[body], motion, body)
+            force, moment = body_wrench(leg.inertia[body], one.motion, body)
             wrenches.append((to_world(force), to_world(moment), point))
             point = plus(point, to_world(leg.segments[body]))
     total_force, total_moment = zero(), zero()

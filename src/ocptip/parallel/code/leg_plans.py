@@ -13,16 +13,7 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.write import Record
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import RobotDescription
-from ocptip.parallel.symbolic.leg_dynamics import (
-    LegModel,
-    LegPlan,
-    actuator_row,
-    can_inject,
-    coupling_force,
-    driven_force,
-    leg_jacobian,
-    leg_motion,
-)
+from ocptip.parallel.symbolic.leg_dynamics import CouplingLeg, LegModel, LegPlan, can_inject, leg_jacobian
 from ocptip.parallel.symbolic.projection import Projection, robot_arguments
 from ocptip.parallel.symbolic.symbols import InertiaLayout, geometry_symbols, inertia_layout, leg_model
 
@@ -205,15 +196,16 @@ def _fits(leg: LegModel, frame: int) -> bool:
 def _cost(leg: LegModel, plan: LegPlan, purpose: Purpose) -> int:
     velocity, acceleration, gravity = cs.SX.sym("v", 3), cs.SX.sym("a", 3), cs.SX.sym("g", 3)
     moved = [[one[k] if k in leg.axes else cs.SX(0.0) for k in range(3)] for one in (velocity, acceleration)]
-    motion = leg_motion(leg, moved[0], moved[1], [gravity[k] for k in range(3)], plan)
+    coupled = CouplingLeg(leg, plan)
+    coupled.move(*moved, [gravity[k] for k in range(3)])
     if purpose == "rows":
-        rows = [actuator_row(leg, motion, plan, joint) for joint in leg.actuated]
+        rows = [coupled.row(joint) for joint in leg.actuated]
         out = [row[k] for row in rows for k in leg.axes] or [cs.SX(0.0)]
     elif purpose == "motors" and len(leg.actuated) == 1:
-        driven = driven_force(leg, motion, plan)
+        driven = coupled.driven()
         vectors = (driven.force, driven.direction)
         out = [v[k] for v in vectors for k in leg.axes] + [driven.effort, driven.lever]
     else:
-        out = [coupling_force(leg, motion, plan)[k] for k in leg.axes]
+        out = [coupled.force()[k] for k in leg.axes]
     expression = cs.vertcat(*out)
     return count_operations(tidy(cs.Function("leg", cs.symvar(expression), [expression]))).weighted

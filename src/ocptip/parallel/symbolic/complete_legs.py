@@ -180,10 +180,8 @@ class CompleteEquations:
         """Per leg the place of its end minus where the platform holds it, m and rad, world axes."""
         gaps = []
         for leg, solver, place in zip(self.legs, self._kinematics.legs, self._at, strict=True):
-            model, end = leg.model, leg.model.origin
-            for j, segment in enumerate(model.segments, start=1):
-                end = plus(end, model.rotation(0, j)(segment))
-            gap = minus(end, plus(self._still.position, leg.arm))
+            model = leg.model
+            gap = minus(model.end, plus(self._still.position, leg.arm))
             frames, held = solver.frames(place)[0], solver.end_rotations[0]
             assert held is not None
             # of the last joint's frame in the platform; a fixed row may follow it

@@ -9,7 +9,7 @@ acceleration from it instead of from the base.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as cs
 
@@ -50,18 +50,6 @@ class ChainState:
 
 
 @dataclass(frozen=True)
-class LegState(ChainState):
-    """Motion of a leg as its coupling point prescribes it.
-
-    Attributes:
-        jacobian, rows: coupling-point velocity (components `rows` in the plan's frame) from the joint rates.
-    """
-
-    jacobian: BlockSystem
-    rows: list[int]
-
-
-@dataclass(frozen=True)
 class DrivenForce:
     """A leg's load, split so that its unactuated joints are free of moments.
 
@@ -79,36 +67,110 @@ class DrivenForce:
     lever: cs.SX
 
 
-def leg_motion(
-    leg: LegModel, velocity: Vector, acceleration: Vector, gravity: Vector, plan: LegPlan
-) -> LegState:
-    """Joint rates (3.42) and accelerations from the coupling point, and the motion of all bodies.
+@dataclass
+class CouplingLeg:
+    """A leg up to its coupling point, which moves its joints.
 
-    Args:
-        leg: the leg.
-        velocity, acceleration: of the coupling point, world axes.
-        gravity: acceleration of gravity, world axes.
-        plan: how to write it.
+    Attributes:
+        model: the leg; plan: how its code is written.
+        arm: of the coupling point on the platform, world axes.
+        jacobian, rows: coupling-point velocity (components `rows` in the plan's frame) from the joint rates.
+        motion: of all bodies, once moved.
     """
-    jacobian, rows = leg_jacobian(leg, plan.frame)
-    to_frame = leg.rotation(plan.frame, 0)
-    velocity = to_frame(velocity)
-    rates = jacobian.solve([velocity[row] for row in rows])
-    omegas, carried = _angular_velocities(leg, rates)
-    still = [cs.SX(0.0)] * leg.size
-    coasting = _angular_accelerations(leg, rates, still, carried)
-    drift = _drift(leg, rates, omegas, coasting, plan.frame)
-    acceleration = to_frame(acceleration)
-    accelerations = jacobian.solve([acceleration[row] - drift[row] for row in rows])
-    alphas = _angular_accelerations(leg, rates, accelerations, carried)
-    matrices = [acceleration_matrix(w, a) for w, a in zip(omegas, alphas, strict=True)]
-    falls = []
-    for one in leg.turns:
-        gravity = one.inverse(gravity)
-        falls.append(gravity)
-    tip = minus(acceleration, falls[plan.frame - 1])
-    origins = _origins(leg, rates, accelerations, omegas, matrices, falls[0], tip, plan)
-    return LegState(rates, accelerations, omegas, alphas, matrices, origins, jacobian, rows)
+
+    model: LegModel
+    plan: LegPlan
+    arm: Vector = field(default_factory=zero)
+    motion: ChainState = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.jacobian, self.rows = leg_jacobian(self.model, self.plan.frame)
+
+    def move(self, velocity: Vector, acceleration: Vector, gravity: Vector) -> None:
+        """Joint rates (3.42) and accelerations from the coupling point, and the motion of all bodies.
+
+        Args:
+            velocity, acceleration: of the coupling point, world axes.
+            gravity: acceleration of gravity, world axes.
+        """
+        leg, frame = self.model, self.plan.frame
+        to_frame = leg.rotation(frame, 0)
+        velocity = to_frame(velocity)
+        rates = self.jacobian.solve([velocity[row] for row in self.rows])
+        omegas, carried = _angular_velocities(leg, rates)
+        still = [cs.SX(0.0)] * leg.size
+        coasting = _angular_accelerations(leg, rates, still, carried)
+        drift = _drift(leg, rates, omegas, coasting, frame)
+        acceleration = to_frame(acceleration)
+        accelerations = self.jacobian.solve([acceleration[row] - drift[row] for row in self.rows])
+        alphas = _angular_accelerations(leg, rates, accelerations, carried)
+        matrices = [acceleration_matrix(w, a) for w, a in zip(omegas, alphas, strict=True)]
+        falls = []
+        for one in leg.turns:
+            gravity = one.inverse(gravity)
+            falls.append(gravity)
+        tip = minus(acceleration, falls[frame - 1])
+        origins = _origins(leg, rates, accelerations, omegas, matrices, falls[0], tip, self.plan)
+        self.motion = ChainState(rates, accelerations, omegas, alphas, matrices, origins)
+
+    def force(self) -> Vector:
+        """J_B^-T tau_i in world axes: the leg's load as a force at its coupling point, (3.48)."""
+        return self._balanced(leg_efforts(self.model, self.motion))
+
+    def row(self, joint: int) -> Vector:
+        """Row `joint` of J_B^-1 in world axes: the joint's rate per velocity of the coupling point."""
+        return self._balanced([cs.SX(float(j == joint)) for j in range(self.model.size)])
+
+    def driven(self) -> DrivenForce:
+        """The load of a leg with one driven joint, split into motor effort and force on the platform.
+
+        No division by the leg's determinant: the lever goes to zero in a singularity of the leg.
+        """
+        leg, frame = self.model, self.plan.frame
+        (driven,) = leg.actuated
+        row = self.jacobian.own_row(driven)
+        if row is None:
+            efforts = leg_efforts(leg, self.motion)
+            effort, efforts[driven] = efforts[driven], cs.SX(0.0)
+            return DrivenForce(self._balanced(efforts), self.row(driven), effort, cs.SX(1.0))
+        matrix = self.jacobian.matrix
+        others = [r for r in range(leg.size) if r != row]
+        passive = [j for j in range(leg.size) if j != driven]
+        column = [matrix[r][driven] for r in range(leg.size)]
+
+        def cancel(moments: Sequence[cs.SX], along: float) -> list[cs.SX]:
+            sxes: list[cs.SX] = [cs.SX(along)] * leg.size
+            if passive:
+                system = BlockSystem([[matrix[r][j] for j in passive] for r in others])
+                for r, value in zip(others, system.solve_transposed(moments), strict=True):
+                    sxes[r] = value
+            return sxes
+
+        direction = cancel([-matrix[row][j] for j in passive], 1.0)
+        lever = dot(direction, column)
+        if self.plan.inject and can_inject(leg):
+            efforts, outer = _backward(leg, self.motion, leg.size, 2, (zero(), zero()))
+            force = self._spread(cancel(efforts[1:], 0.0))
+            relieved = minus(outer[0], leg.rotation(2, frame)(force))
+            (effort, *_), _ = _backward(leg, self.motion, 1, 1, (relieved, zero()))
+        else:
+            efforts = leg_efforts(leg, self.motion)
+            components = cancel([efforts[j] for j in passive], 0.0)
+            force = self._spread(components)
+            effort = efforts[driven] - dot(column, components)
+        to_world = leg.rotation(0, frame)
+        return DrivenForce(to_world(force), to_world(self._spread(direction)), effort, lever)
+
+    def _balanced(self, efforts: Sequence[cs.SX]) -> Vector:
+        """Force at the coupling point, world axes, that joint efforts balance."""
+        force = self._spread(self.jacobian.solve_transposed(efforts))
+        return self.model.rotation(0, self.plan.frame)(force)
+
+    def _spread(self, components: Sequence[cs.SX]) -> Vector:
+        spread = zero()
+        for row, value in zip(self.rows, components, strict=True):
+            spread[row] = value
+        return spread
 
 
 def chain_motion(
@@ -142,70 +204,10 @@ def efforts_and_base(leg: LegModel, motion: ChainState) -> tuple[list[cs.SX], tu
     return _backward(leg, motion, leg.size, 1, (zero(), zero()))
 
 
-def coupling_force(leg: LegModel, motion: LegState, plan: LegPlan) -> Vector:
-    """J_B^-T tau_i in world axes: the leg's load as a force at its coupling point, (3.48)."""
-    force = _spread(motion, motion.jacobian.solve_transposed(leg_efforts(leg, motion)))
-    return leg.rotation(0, plan.frame)(force)
-
-
-def actuator_row(leg: LegModel, motion: LegState, plan: LegPlan, joint: int) -> Vector:
-    """Row `joint` of J_B^-1 in world axes: the joint's rate per velocity of the coupling point."""
-    right = [cs.SX(float(j == joint)) for j in range(leg.size)]
-    return leg.rotation(0, plan.frame)(_spread(motion, motion.jacobian.solve_transposed(right)))
-
-
-def driven_force(leg: LegModel, motion: LegState, plan: LegPlan) -> DrivenForce:
-    """The load of a leg with one driven joint, split into motor effort and force on the platform.
-
-    No division by the leg's determinant: the lever goes to zero in a singularity of the leg.
-    """
-    (driven,) = leg.actuated
-    to_world = leg.rotation(0, plan.frame)
-    row = motion.jacobian.own_row(driven)
-    if row is None:
-        efforts = leg_efforts(leg, motion)
-        effort, efforts[driven] = efforts[driven], cs.SX(0.0)
-        force = _spread(motion, motion.jacobian.solve_transposed(efforts))
-        return DrivenForce(to_world(force), actuator_row(leg, motion, plan, driven), effort, cs.SX(1.0))
-    matrix = motion.jacobian.matrix
-    others = [r for r in range(leg.size) if r != row]
-    passive = [j for j in range(leg.size) if j != driven]
-    column = [matrix[r][driven] for r in range(leg.size)]
-
-    def cancel(moments: Sequence[cs.SX], along: float) -> list[cs.SX]:
-        sxes: list[cs.SX] = [cs.SX(along)] * leg.size
-        if passive:
-            system = BlockSystem([[matrix[r][j] for j in passive] for r in others])
-            for r, value in zip(others, system.solve_transposed(moments), strict=True):
-                sxes[r] = value
-        return sxes
-
-    direction = cancel([-matrix[row][j] for j in passive], 1.0)
-    lever = dot(direction, column)
-    if plan.inject and can_inject(leg):
-        efforts, outer = _backward(leg, motion, leg.size, 2, (zero(), zero()))
-        force = _spread(motion, cancel(efforts[1:], 0.0))
-        relieved = minus(outer[0], leg.rotation(2, plan.frame)(force))
-        (effort, *_), _ = _backward(leg, motion, 1, 1, (relieved, zero()))
-    else:
-        efforts = leg_efforts(leg, motion)
-        components = cancel([efforts[j] for j in passive], 0.0)
-        force = _spread(motion, components)
-        effort = efforts[driven] - dot(column, components)
-    return DrivenForce(to_world(force), to_world(_spread(motion, direction)), effort, lever)
-
-
 def can_inject(leg: LegModel) -> bool:
     """True if only joint 1 is driven and joint 2 turns about a parallel axis."""
     parallel = leg.size > 1 and all(one.axis == 2 for one in leg.turns[1].turns)
     return leg.actuated == (0,) and parallel and leg.revolute[0] and leg.revolute[1]
-
-
-def _spread(motion: LegState, components: Sequence[cs.SX]) -> Vector:
-    spread = zero()
-    for row, value in zip(motion.rows, components, strict=True):
-        spread[row] = value
-    return spread
 
 
 def _angular_velocities(leg: LegModel, rates: Sequence[cs.SX]) -> tuple[list[Vector], list[Vector]]:
@@ -345,6 +347,14 @@ class LegModel:
     def size(self) -> int:
         """Number of joints n."""
         return len(self.q)
+
+    @property
+    def end(self) -> Vector:
+        """Coupling point, world axes."""
+        end = self.origin
+        for j, segment in enumerate(self.segments, start=1):
+            end = plus(end, self.rotation(0, j)(segment))
+        return end
 
     def rotation(self, to: int, of: int) -> Rotation:
         """Rotation that takes components in frame `of` to components in frame `to`; 0 is the world."""

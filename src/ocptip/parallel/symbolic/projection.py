@@ -7,7 +7,7 @@ for them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import casadi as cs
@@ -17,15 +17,7 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.description.robot_description import RobotDescription
-from ocptip.parallel.symbolic.leg_dynamics import (
-    LegModel,
-    LegPlan,
-    LegState,
-    actuator_row,
-    coupling_force,
-    driven_force,
-    leg_motion,
-)
+from ocptip.parallel.symbolic.leg_dynamics import CouplingLeg, LegModel, LegPlan
 from ocptip.parallel.symbolic.spatial_sx import (
     BlockSystem,
     Rotation,
@@ -242,8 +234,7 @@ class Projection:
 
     Attributes:
         platform: motion of the platform.
-        legs, motions: models and motions of the legs.
-        arms: k_i in world axes.
+        legs: of the robot, moved.
         gravity, body: entries of gravity and of the platform's inertia.
     """
 
@@ -252,7 +243,6 @@ class Projection:
     ) -> None:
         self.description = description
         self.arguments = arguments
-        self.plans = plans
         self.mask = description.platform.mask
         entries = (arguments.pose, arguments.rates, arguments.accelerations)
         pose, rates, accelerations = ([one[k] for k in range(one.numel())] for one in entries)
@@ -261,31 +251,32 @@ class Projection:
         )
         self.gravity = [arguments.gravity[k] for k in range(3)]
         self.body = cs.vertsplit(arguments.inertia[layout.platform_slice])
-        self.legs: list[LegModel] = []
-        self.motions: list[LegState] = []
-        self.arms: list[Vector] = []
         n = layout.bodies
         terms = (
             arguments.joint_terms if arguments.joint_terms.numel() else cs.SX.zeros(3, arguments.q.numel())
         )
-        for i, leg in enumerate(description.legs):
+        self.legs: list[CouplingLeg] = []
+        for i, (leg, plan) in enumerate(zip(description.legs, plans, strict=True)):
             q, inertia = arguments.q[:, i], arguments.inertia[layout.leg_slice(i)]
-            model = leg_model(description, i, q, arguments.geometry, inertia, terms[:, n * i : n * (i + 1)])
+            of_leg = terms[:, n * i : n * (i + 1)]
+            model = leg_model(description, i, q, arguments.geometry, inertia, of_leg)
             arm = self.platform.arm(coupling_entries(leg, arguments.geometry))
-            velocity = self.platform.point_velocity(arm)
-            acceleration = self.platform.point_acceleration(arm)
-            self.legs.append(model)
-            self.arms.append(arm)
-            self.motions.append(leg_motion(model, velocity, acceleration, self.gravity, plans[i]))
+            one = CouplingLeg(model, plan, arm)
+            one.move(self.platform.point_velocity(arm), self.platform.point_acceleration(arm), self.gravity)
+            self.legs.append(one)
 
     def _reduced(self, force: Vector, moment: Vector) -> list[cs.SX]:
         return reduced(self.mask, self.platform.basis, force, moment)
+
+    def _at(self, leg: CouplingLeg, force: Vector) -> list[cs.SX]:
+        """A force at a leg's coupling point on the free coordinates."""
+        return self._reduced(force, cross(leg.arm, force))
 
     def _total(self, forces: Sequence[Vector]) -> list[cs.SX]:
         """Platform wrench minus external wrench plus coupling forces, on the free coordinates."""
         force, moment = self.platform_load()
         force = plus(force, *forces)
-        moment = plus(moment, *(cross(arm, f) for arm, f in zip(self.arms, forces, strict=True)))
+        moment = plus(moment, *(cross(leg.arm, f) for leg, f in zip(self.legs, forces, strict=True)))
         return self._reduced(force, moment)
 
     def platform_load(self) -> tuple[Vector, Vector]:
@@ -294,12 +285,9 @@ class Projection:
         external = [self.arguments.wrench[k] for k in range(6)]
         return minus(force, external[:3]), minus(moment, external[3:])
 
-    def _each(self, function: Callable[..., object]) -> list:
-        return [function(*one) for one in zip(self.legs, self.motions, self.plans, strict=True)]
-
     def generalized_force(self) -> cs.SX:
         """tau_s (3.48), dual to the free components of (r', omega)."""
-        return cs.vertcat(*self._total(self._each(coupling_force)))
+        return cs.vertcat(*self._total([leg.force() for leg in self.legs]))
 
     def euler_force(self) -> cs.SX:
         """tau_z = H^T tau_s, dual to the derivatives of the free coordinates."""
@@ -316,39 +304,33 @@ class Projection:
 
     def jacobian(self) -> cs.SX:
         """J_a (3.45)-(3.46), n_a x m: rates of the driven joints from s'."""
-        rows = []
-        for leg, joint in self.description.actuated:
-            row = actuator_row(self.legs[leg], self.motions[leg], self.plans[leg], joint)
-            rows.append(cs.horzcat(*self._reduced(row, cross(self.arms[leg], row))))
-        return cs.vertcat(*rows)
+        motors = [(self.legs[leg], joint) for leg, joint in self.description.actuated]
+        return cs.vertcat(*(cs.horzcat(*self._at(leg, leg.row(joint))) for leg, joint in motors))
 
     def closures(self) -> cs.SX:
         """(n, N) legs' coupling points minus the platform's, zero if closed."""
         columns = []
-        for leg, arm in zip(self.legs, self.arms, strict=True):
-            end = leg.origin
-            for j, segment in enumerate(leg.segments, start=1):
-                end = plus(end, leg.rotation(0, j)(segment))
-            gap = minus(end, plus(self.platform.position, arm))
-            columns.append(cs.vertcat(*(gap[axis] for axis in leg.axes)))
+        for leg in self.legs:
+            gap = minus(leg.model.end, plus(self.platform.position, leg.arm))
+            columns.append(cs.vertcat(*(gap[axis] for axis in leg.model.axes)))
         return cs.horzcat(*columns)
 
     def potential(self) -> cs.SX:
         """Potential energy in gravity, J."""
-        return potential_energy(self.platform, self.body, self.legs, self.gravity)
+        return potential_energy(self.platform, self.body, [leg.model for leg in self.legs], self.gravity)
 
     def joint_rates(self) -> cs.SX:
         """(n, N) rates of all joints up to the coupling points, (3.42)."""
-        return cs.horzcat(*(cs.vertcat(*motion.rates) for motion in self.motions))
+        return cs.horzcat(*(cs.vertcat(*leg.motion.rates) for leg in self.legs))
 
     def joint_accelerations(self) -> cs.SX:
         """(n, N) accelerations of the same joints."""
-        return cs.horzcat(*(cs.vertcat(*motion.accelerations) for motion in self.motions))
+        return cs.horzcat(*(cs.vertcat(*leg.motion.accelerations) for leg in self.legs))
 
     def driven_accelerations(self) -> cs.SX:
         """(n_a,) accelerations of the driven joints."""
         return cs.vertcat(
-            *(self.motions[leg].accelerations[joint] for leg, joint in self.description.actuated)
+            *(self.legs[leg].motion.accelerations[joint] for leg, joint in self.description.actuated)
         )
 
     def motor_forces(self, order: Sequence[int] | None = None) -> cs.SX:
@@ -365,17 +347,16 @@ class Projection:
             )
         forces: list[Vector] = []
         of_motor: dict[tuple[int, int], tuple[cs.SX, cs.SX, list[cs.SX]]] = {}
-        for i, (leg, motion, plan) in enumerate(zip(self.legs, self.motions, self.plans, strict=True)):
-            if len(leg.actuated) != 1:
-                forces.append(coupling_force(leg, motion, plan))
-                for joint in leg.actuated:
-                    row = actuator_row(leg, motion, plan, joint)
-                    of_motor[i, joint] = cs.SX(0.0), cs.SX(1.0), self._reduced(row, cross(self.arms[i], row))
-                continue
-            driven = driven_force(leg, motion, plan)
-            forces.append(driven.force)
-            column = self._reduced(driven.direction, cross(self.arms[i], driven.direction))
-            of_motor[i, leg.actuated[0]] = driven.effort, driven.lever, column
+        for i, leg in enumerate(self.legs):
+            if len(leg.model.actuated) == 1:
+                driven = leg.driven()
+                forces.append(driven.force)
+                column = self._at(leg, driven.direction)
+                of_motor[i, leg.model.actuated[0]] = driven.effort, driven.lever, column
+            else:
+                forces.append(leg.force())
+                for joint in leg.model.actuated:
+                    of_motor[i, joint] = cs.SX(0.0), cs.SX(1.0), self._at(leg, leg.row(joint))
         columns = [of_motor[motor][2] for motor in motors]
         order = range(m) if order is None else order
         system = BlockSystem([[columns[k][row] for k in order] for row in range(m)])

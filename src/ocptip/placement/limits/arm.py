@@ -12,6 +12,7 @@ from ocptip.indices.arms.values import index_values
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.vectors import perpendicular
+from ocptip.placement.limits.base import WorldSolids, needs_solids
 from ocptip.placement.limits.forces import Twice
 from ocptip.placement.limits.layout import Hessian, Point, Variables
 from ocptip.placement.limits.limit import (
@@ -25,7 +26,6 @@ from ocptip.placement.limits.limit import (
     Symbols,
     TaskEvaluation,
 )
-from ocptip.placement.limits.solids import WorldSolids, needs_solids
 from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem
 from ocptip.robots.geometry import CollisionModel, Floor, Obstacle, sphere_centres
 from ocptip.robots.kinematics import gripper_batch, gripper_kinematics, gripper_pose
