@@ -121,24 +121,8 @@ def assembly_modes(kinematics: Kinematics, qa: ArrayLike) -> AssemblyModes:
         SolverError: the general robot of this kind could not be solved.
     """
     begin = time.process_time()
-    description = kinematics.description
-    qa = finite_array("qa", qa, (len(description.actuated),))
-    space = _Space.of(kinematics)
-    surfaces = []
-    for number, leg in enumerate(kinematics.legs):
-        of_leg = zip(description.actuated, qa, strict=True)
-        locked = {joint: float(value) for (leg_number, joint), value in of_leg if leg_number == number}
-        if len(space.entries) == 8 and not space.still and leg.n - leg.point < 3:
-            surfaces.append(held_leg(leg, locked))
-        else:
-            surfaces.append(leg_surface(leg, locked, turning=space.turning, planar=space.about >= 0))
-    level, surfaces = space.levelled(surfaces)
-    scale = max([1e-9, *(float(np.abs(s.kappa).max()) for s in surfaces)])
-    scale = max([scale, *(float(np.abs(s.center).max()) for s in surfaces if s.center is not None)])
-    scale = max([scale, *(float(np.abs(b).max()) for s in surfaces for b, _, _ in s.slots)])
-    system = _System.of(surfaces, space, scale)
-    ends, arrived = system.solutions()
-    return _collected(kinematics, qa, space, surfaces, system, (ends, arrived), (level, scale, begin))
+    qa = finite_array("qa", qa, (len(kinematics.description.actuated),))
+    return _Robot(kinematics, qa).modes(begin)
 
 
 @dataclass(frozen=True)
@@ -353,61 +337,61 @@ def _norm_of_e(y: np.ndarray, entries: tuple[int, ...]) -> np.ndarray:
     return np.abs(np.sum(y[:, np.array(entries) < 4] ** 2, axis=1))
 
 
-def _collected(
-    kinematics: Kinematics,
-    qa: np.ndarray,
-    space: _Space,
-    surfaces: Sequence[LegSurface],
-    system: _System,
-    result: tuple[np.ndarray, np.ndarray],
-    about: tuple[float, float, float],
-) -> AssemblyModes:
-    """Sort the ends, and make real ones to poses."""
-    level, scale, begin = about
-    ends, around, _ = polished(system.forms(), result[0])
-    ends = np.where(np.isfinite(around)[:, None], ends, result[0])
-    away = _norm_of_e(ends, space.entries) < _AT_INFINITY
-    regular = np.isfinite(around) & ~away & (result[1] == 1.0)
-    indices = np.flatnonzero(regular)[distinct(ends[regular])]
-    real = []
-    for y in ends[indices]:
-        turn = np.sqrt(np.sum(y * y))
-        y = y * (turn.conj() / abs(turn)) if abs(turn) > _REAL else y
-        if np.linalg.norm(y.imag) < _REAL:
-            real.append(y.real)
-    polish, sure, _ = polished(system.forms(), np.array(real).reshape(-1, len(space.entries)))
-    modes, too_far = [], 0
-    for y, radius in zip(polish, sure, strict=True):
-        mode = _mode(kinematics, qa, space, surfaces, y, (level, scale, bool(np.isfinite(radius))))
-        too_far += mode.residual > _CLOSED * max(scale, 1.0)
-        modes += [mode] if mode.residual <= _CLOSED * max(scale, 1.0) else []
-    modes.sort(key=lambda mode: tuple(np.round(mode.z, 9)))
-    lost = len(ends) - len(indices) - int(away.sum())
-    seconds = time.process_time() - begin
-    return AssemblyModes(
-        qa, tuple(modes), len(ends), len(indices), int(away.sum()), lost, int(too_far), seconds
-    )
+class _Robot:
+    """A robot with locked motors."""
 
+    def __init__(self, kinematics: Kinematics, qa: np.ndarray) -> None:
+        self.kinematics, self.qa, self.space = kinematics, qa, _Space.of(kinematics)
+        space, surfaces = self.space, []
+        for number, leg in enumerate(kinematics.legs):
+            of_leg = zip(kinematics.description.actuated, qa, strict=True)
+            locked = {joint: float(value) for (leg_number, joint), value in of_leg if leg_number == number}
+            if len(space.entries) == 8 and not space.still and leg.n - leg.point < 3:
+                surfaces.append(held_leg(leg, locked))
+            else:
+                surfaces.append(leg_surface(leg, locked, turning=space.turning, planar=space.about >= 0))
+        self.level, self.surfaces = space.levelled(surfaces)
+        points = [s.kappa for s in self.surfaces] + [s.center for s in self.surfaces if s.center is not None]
+        points += [b for s in self.surfaces for b, _, _ in s.slots]
+        self.scale = max([1e-9, *(float(np.abs(point).max()) for point in points)])
+        self.system = _System.of(self.surfaces, space, self.scale)
 
-def _mode(
-    kinematics: Kinematics,
-    qa: np.ndarray,
-    space: _Space,
-    surfaces: Sequence[LegSurface],
-    y: np.ndarray,
-    about: tuple[float, float, bool],
-) -> AssemblyMode:
-    level, scale, certified = about
-    both = np.zeros(8)
-    both[list(space.entries)] = y
-    e, h = both[:4], both[4:]
-    R = Rotation.from_quat(np.roll(e, -1)).as_matrix()
-    r = scale * position_of(e, h)
-    residual = max(s.error(r, R) for s in surfaces)
-    if space.lift:
-        r = r + level * np.eye(3)[space.about]
-    z = _coordinates(kinematics, space, e, r, R)
-    return AssemblyMode(z, r, R, residual, certified, _home_branches(kinematics, z, qa))
+    def modes(self, begin: float) -> AssemblyModes:
+        """Sort the ends of all paths, and make real ones to poses."""
+        forms, entries = self.system.forms(), self.space.entries
+        given, arrived = self.system.solutions()
+        ends, around, _ = polished(forms, given)
+        ends = np.where(np.isfinite(around)[:, None], ends, given)
+        away = _norm_of_e(ends, entries) < _AT_INFINITY
+        regular = np.isfinite(around) & ~away & (arrived == 1.0)
+        indices = np.flatnonzero(regular)[distinct(ends[regular])]
+        real = []
+        for y in ends[indices]:
+            turn = np.sqrt(np.sum(y * y))
+            y = y * (turn.conj() / abs(turn)) if abs(turn) > _REAL else y
+            if np.linalg.norm(y.imag) < _REAL:
+                real.append(y.real)
+        polish, sure, _ = polished(forms, np.array(real).reshape(-1, len(entries)))
+        every = [self._mode(y, bool(np.isfinite(radius))) for y, radius in zip(polish, sure, strict=True)]
+        modes = [mode for mode in every if mode.residual <= _CLOSED * max(self.scale, 1.0)]
+        modes.sort(key=lambda mode: tuple(np.round(mode.z, 9)))
+        infinite = int(away.sum())
+        lost, too_far = len(ends) - len(indices) - infinite, len(every) - len(modes)
+        counts = len(ends), len(indices), infinite, lost, too_far
+        return AssemblyModes(self.qa, tuple(modes), *counts, time.process_time() - begin)
+
+    def _mode(self, y: np.ndarray, certified: bool) -> AssemblyMode:
+        both = np.zeros(8)
+        both[list(self.space.entries)] = y
+        e, h = both[:4], both[4:]
+        R = Rotation.from_quat(np.roll(e, -1)).as_matrix()
+        r = self.scale * position_of(e, h)
+        residual = max(s.error(r, R) for s in self.surfaces)
+        if self.space.lift:
+            r = r + self.level * np.eye(3)[self.space.about]
+        z = _coordinates(self.kinematics, self.space, e, r, R)
+        home = _home_branches(self.kinematics, z, self.qa)
+        return AssemblyMode(z, r, R, residual, certified, home)
 
 
 def _coordinates(

@@ -197,7 +197,7 @@ def _cost(leg: LegModel, plan: LegPlan, purpose: Purpose) -> int:
     velocity, acceleration, gravity = cs.SX.sym("v", 3), cs.SX.sym("a", 3), cs.SX.sym("g", 3)
     moved = [[one[k] if k in leg.axes else cs.SX(0.0) for k in range(3)] for one in (velocity, acceleration)]
     coupled = CouplingLeg(leg, plan)
-    coupled.move(*moved, [gravity[k] for k in range(3)])
+    coupled.move(moved[0], moved[1], [gravity[k] for k in range(3)])
     if purpose == "rows":
         rows = [coupled.row(joint) for joint in leg.actuated]
         out = [row[k] for row in rows for k in leg.axes] or [cs.SX(0.0)]

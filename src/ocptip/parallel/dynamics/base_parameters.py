@@ -255,7 +255,7 @@ def _block(kinematics: Kinematics) -> tuple[Block, int]:
     complete = has_complete_regressor(description)
     layout = inertia_layout(description, complete=complete)
     start = [leg.home for leg in kinematics.legs]
-    find = partial(kinematics.joints, guess=start) if complete else kinematics.point_joints
+    find = partial(kinematics.joints, guess=start, search=False) if complete else kinematics.point_joints
     columns: list[int] = []  # of the layout, and which of the numeric regressor they get
     taken: list[int] = []
     bodies = 0

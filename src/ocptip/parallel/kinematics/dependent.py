@@ -86,7 +86,9 @@ class DependentCoordinates:
         self._home_z = description.home
         self.home = self._assembled(description.dependent_home)
 
-    def solve(self, z: np.ndarray, guess: Sequence[np.ndarray] | None) -> tuple[Attempt, str]:
+    def solve(
+        self, z: np.ndarray, guess: Sequence[np.ndarray] | None, search: bool = True
+    ) -> tuple[Attempt, str]:
         """Joints of all legs, one after the other, and d at z; and where they come from: "guess", "home"
         (continued along the straight line) or "search".
 
@@ -98,6 +100,8 @@ class DependentCoordinates:
             result = self._closing(z).solved(np.concatenate([*guess, near]))
             if self._closed(result):
                 return result, "guess"
+            if not search:
+                raise InputError("pose: the legs are not closed from the guess")
         else:
             way = continued(self._home_u, lambda u, share: self._closing(self._way(z, share)).followed(u))
             if way is not None:

@@ -81,11 +81,12 @@ class LegSolver(LegClosure):
         self.end_rotations[0] = self.frames(q)[0][-1].T @ R
         self.home = q
 
-    def find(self, way: Way, guess: np.ndarray | None) -> tuple[Attempt, str]:
+    def find(self, way: Way, guess: np.ndarray | None, search: bool = True) -> tuple[Attempt, str]:
         """Joint positions at the end of a path, and where they come from.
 
         "guess": by Newton's method from the guess. "home": without guess, by the closed form with its signs,
-        or without one continued along the path. "search": none of these closed the leg, a search did.
+        or without one continued along the path. "search": none of these closed the leg, a search did,
+        unless `search` is False.
 
         Raises:
             InputError: the leg does not reach the pose.
@@ -97,6 +98,8 @@ class LegSolver(LegClosure):
             result = self._newton(start, r, R, self.free)
             if result[1] <= CLOSURE_TOLERANCE * self.length:
                 return result, "guess"
+            if not search:
+                raise InputError(f"pose: leg {self.number + 1} is not closed from the guess")
         elif leg_type(self.leg) and not self.locked:
             return self.solve(r, R, None, locked), "home"
         else:

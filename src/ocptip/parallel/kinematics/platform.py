@@ -174,13 +174,16 @@ class Kinematics:
             return z[: self.platform.m]
         return self.along.at(z, self.joints(z).q if q is None else q)
 
-    def joints(self, z: ArrayLike, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
+    def joints(
+        self, z: ArrayLike, guess: Sequence[np.ndarray] | None = None, *, search: bool = True
+    ) -> JointPositions:
         """All joint positions at a pose, coupling joints included.
 
         Args:
             z: (m,).
             guess: per leg (n_f,), e.g. of the pose before; None: closed form, or from home on along the
                 straight line in the coordinates.
+            search: for joint positions in any assembly where the guess does not lead to some.
 
         Raises:
             InputError: a leg does not reach the pose.
@@ -189,13 +192,13 @@ class Kinematics:
         if guess is not None:
             guess = [finite_array(f"guess[{i + 1}]", guess[i], (leg.n,)) for i, leg in enumerate(self.legs)]
         if self.along is not None:
-            (u, error, used), origin = self.along.solve(z, guess)
+            (u, error, used), origin = self.along.solve(z, guess, search)
             searched = tuple(range(len(self.legs))) if origin == "search" else ()
             return JointPositions(self.along.split(u)[0], error, used, origin, searched)
         way, results, origins = self._paths(z), [], []
         for i, leg in enumerate(self.legs):
             start = None if guess is None else guess[i]
-            attempt, origin = leg.find(way[i], start)
+            attempt, origin = leg.find(way[i], start, search)
             results.append(attempt)
             origins.append(origin)
         return _joint_positions(results, origins)
