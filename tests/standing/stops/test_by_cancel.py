@@ -266,6 +266,27 @@ def test_without_a_safe_deceleration_both_ends_and_a_remedy_are_named(case):
     assert found.text.endswith("To plan for it, try ocptip plan with --stop-safe cancel")
 
 
+def test_of_several_broken_limits_that_of_most_instants_is_named_and_the_others_beside_it(case):
+    """Shares of the instants by hand: durations and ways of uniform deceleration of each joint alone."""
+    robot, motion = case.robot, case.reference
+    rates = 0.05 * robot.limits.acceleration
+    limits = replace(case.limits, GN=1.0, GT=1.0)
+    full = Cancel(tuple(robot.limits.acceleration), GN=0.95, GT=0.99, longest=0.1)
+    found = safe_decelerations(robot, motion, limits, full, close=1.0)
+    q, qd, _ = motion.states(cancel_times(motion))
+    ends = q + np.sign(qd) * qd**2 / (2 * rates)
+    beyond = np.maximum(robot.limits.angle_min - ends, ends - robot.limits.angle_max)
+    shares = {one.name: one.share for one in found.levels[-1].broken}
+    assert shares["duration"] == np.mean(np.max(np.abs(qd) / rates, axis=1) > 0.1)
+    assert shares["angle_margin_deg"] == np.mean(np.any(beyond > 1e-9, axis=1))
+    assert 0 < shares["GN"] < shares["angle_margin_deg"] < shares["duration"] < 1
+    assert [*shares.values()] == sorted(shares.values(), reverse=True)
+    share = f"{100 * shares['duration']:.3g} % of the instants"
+    also = "also broken: angle margin, tipping margin"
+    words = rf"; at 5 % duration is .* s in .*, must be <= 0.1 s \({share}; {also}"
+    assert re.search(words, found.text), found.text
+
+
 def test_a_cycle_has_one_proposal_that_fits_all_segments(case):
     robot, motion, limits = case.robot, case.reference, case.limits
     full = Cancel(tuple(robot.limits.acceleration), GN=limits.GN, GT=limits.GT, longest=5.0)

@@ -29,7 +29,7 @@ def broken_contacts(
     for name, limit in (("GN", rule.GN), ("GT", rule.GT)):
         k = int(np.argmax(values := getattr(stops, name)))
         if not values[k] <= limit:
-            how = "", float(values[k]) - limit, False, scenario
+            how = "", float(values[k]) - limit, False, scenario, "", float(np.mean(~(values <= limit)))
             worst.append(Worst(footing.result(name), float(values[k]), float(times[k]), limit, *how))
     return worst
 
@@ -38,15 +38,17 @@ def broken_postures(
     robot: Robot, times: np.ndarray, stops: JointStops, limits: Limits, scenario: str
 ) -> list[Worst]:
     """The range of a joint, and the clearance."""
-    worst, (over, joint) = [], stops.outside
+    worst, (over, joint) = [], stops.farthest
     if over > CLOSE:
         turns = robot.units[joint] == "rad"
         name, off = ("angle_margin_deg", np.degrees(over)) if turns else ("position_margin_m", over)
-        how = f" ({robot.names[joint]})", float(off), True, scenario
+        share = float(np.mean(np.any(stops.outside > CLOSE, axis=1)))
+        how = f" ({robot.names[joint]})", float(off), True, scenario, "", share
         worst.append(Worst(name, -float(off), np.nan, 0.0, *how))
     if stops.clearance < limits.clearance:
+        share = float(np.mean(stops.clearances < limits.clearance))
         gap, asked = 1e3 * stops.clearance, 1e3 * limits.clearance
-        how = f", {stops.collision_words(robot, times)}", asked - gap, True, scenario, "mm"
+        how = f", {stops.collision_words(robot, times)}", asked - gap, True, scenario, "mm", share
         worst.append(Worst(CLEARANCE, round(gap, 1), np.nan, round(asked, 1), *how))
     return worst
 
@@ -54,15 +56,16 @@ def broken_postures(
 def broken_drives(times: np.ndarray, stops: JointStops) -> list[Worst]:
     """The torque limit of a drive in cancels."""
     k = int(np.argmax(stops.drives))
-    used, time = float(stops.drives[k]), float(times[k])
-    return [Worst("torque_ratio", used, time, 1.0, "", used - 1, False, CANCEL)] if used > 1 + CLOSE else []
+    used, time, share = float(stops.drives[k]), float(times[k]), float(np.mean(stops.drives > 1 + CLOSE))
+    how = 1.0, "", used - 1, False, CANCEL, "", share
+    return [Worst("torque_ratio", used, time, *how)] if share else []
 
 
 def broken_duration(times: np.ndarray, stops: JointStops, cancel: Cancel) -> list[Worst]:
     """How long a cancel may take until everything rests."""
     k = int(np.argmax(stops.rests))
     longest, time, most = float(stops.rests[k]) + cancel.reaction, float(times[k]), cancel.longest
-    how = most, "", longest - most, False, CANCEL, "s"
+    how = most, "", longest - most, False, CANCEL, "s", float(np.mean(stops.rests + cancel.reaction > most))
     return [Worst("duration", longest, time, *how)] if longest > most else []
 
 

@@ -21,7 +21,7 @@ from ocptip.motion.stops.broken import (
     broken_postures,
     broken_within,
 )
-from ocptip.motion.violations import broken_words
+from ocptip.motion.violations import broken_words, quantity_title
 from ocptip.numerics.bisection import bisected
 from ocptip.standing.arm import Robot
 from ocptip.standing.contact_margins import of_friction
@@ -51,7 +51,8 @@ class CancelLevel:
         longest_stop_s: from the cancel until everything rests.
         clearance_m: the smallest distance; None where it is not known.
         stops: in time, in the joint range and in clear space, whatever becomes of contacts and drives.
-        broken: limits, that of the contacts first; empty where the stops are safe.
+        broken: limits; first those that cancels break from the largest share of the instants, then by the
+            largest share of the limit. Empty where the stops are safe.
         friction_if_feet_give_alike: share of the friction that equally compliant feet use, at least (nominal
             model); None where only the best sharing of the load counts.
     """
@@ -166,14 +167,16 @@ class SafeDecelerations:
         if self.minimum is not None:  # why no gentler one is safe
             gentlest = next((level for level in self.levels if level.share < self.minimum), hardest)
         worst = dict.fromkeys([hardest, gentlest])
-        why = [f"; at {100 * level.share:.3g} % {self._words(level)[0]}" for level in worst if not level.safe]
+        why = [f"; at {100 * level.share:.3g} % {self._why(level)}" for level in worst if not level.safe]
         return f"{kept} ({model}, checked at {self.instants} instants){''.join(why)}"
 
-    def _words(self, level: CancelLevel) -> list[str]:
-        """A sentence per broken limit, that of the contacts with the share of the instants."""
-        first, *others = broken_words(self.robot, level.broken) if level.broken else [""]
-        lost = f" ({100 * level.lost:.3g} % of the instants)" if level.lost else ""
-        return [f"{first}{lost}", *others] if first else []
+    def _why(self, level: CancelLevel) -> str:
+        """The first of the broken limits with its share of the instants, and the names of the others."""
+        first, *others = level.broken
+        share = "" if np.isnan(first.share) else f"{100 * first.share:.3g} % of the instants"
+        names = ", ".join(dict.fromkeys(quantity_title(one.name).removesuffix(" / limit") for one in others))
+        more = "; ".join(filter(None, [share, names and f"also broken: {names}"]))
+        return f"{broken_words(self.robot, [first])[0]}{more and f' ({more})'}"
 
     @property
     def _helps(self) -> str:
@@ -184,8 +187,7 @@ class SafeDecelerations:
             remedy = "" if unhelpful else ", or plan with --stop-safe cancel"
             return "" if self.hardest.safe else f". Set that in the controller{remedy}"
         if any(broken.name == CLEARANCE for broken in self.hardest.broken):
-            also = "" if self.hardest.broken[0].name == CLEARANCE else "; clearance is also broken"
-            return f"{also}. Plans keep no clearance in cancels: plan with a larger --clearance, then check"
+            return ". Plans keep no clearance in cancels: plan with a larger --clearance, then check"
         gentle = f" --deceleration {100 * self.gentlest:g}%" if self.gentlest else ""
         to_plan = f". To plan for it, try ocptip plan with --stop-safe cancel{gentle}"
         return "" if self.together or self.planned else to_plan
@@ -197,7 +199,10 @@ class SafeDecelerations:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        rows = [{**vars(level), "broken": self._words(level), "safe": level.safe} for level in self.levels]
+        rows = [
+            {**vars(level), "broken": broken_words(self.robot, level.broken), "safe": level.safe}
+            for level in self.levels
+        ]
         greatest = None if self.maximum is None else [self.maximum * a for a in self.full]
         return {
             "full_deceleration": list(self.full),
@@ -336,7 +341,9 @@ def _levels(
                 every = broken_within(known, limits)
                 if broken := [replace(one, detail=" within the uncertainty") for one in every]:
                     break  # slip need not be evaluated
-        broken += broken_drives(times, stops)  # after the contacts: their loss is the worse one
+        broken += [*way, *broken_drives(times, stops)]
+        # Of limits that are broken equally often, contacts are named first: their loss is the worse one.
+        broken.sort(key=lambda one: (-np.nan_to_num(one.share), -one.excess / (abs(one.limit) or 1e-9)))
         return CancelLevel(
             share=share,
             GN=float(np.max(stops.GN)),
@@ -345,7 +352,7 @@ def _levels(
             longest_stop_s=float(np.max(stops.rests)) + scaled.reaction,
             clearance_m=float(stops.clearance) if np.isfinite(stops.clearance) else None,
             stops=not way,
-            broken=(*broken, *way),
+            broken=tuple(broken),
             friction_if_feet_give_alike=None if np.isnan(stops.alike) else stops.alike,
         )
 

@@ -287,7 +287,7 @@ class JointTable(ABC):
         base, i = self._worst_of(interfaces[0], self._times, result)
         pairs = zip(interfaces[1:], self._of_objects, strict=True)
         objects = [self._worst_of(footing, *stops)[0] for footing, stops in pairs]
-        over, joint = result.outside
+        over, joint = result.farthest
         displacements = [
             float(way) if unit == "m" else float(np.rad2deg(way))
             for way, unit in zip(np.max(result.displacements, axis=0), units, strict=True)

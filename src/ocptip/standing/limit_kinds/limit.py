@@ -13,6 +13,7 @@ The kinds and their list are in `kinds`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -58,6 +59,7 @@ class Worst:
         scenario: what was begun at that time, "cancel"; empty: the motion itself. Then `detail` follows the
             time in sentences.
         unit: in which sentences give value and limit; empty: that of the name.
+        share: of the instants from which what was begun breaks the limit; NaN: not known.
     """
 
     name: str
@@ -69,6 +71,7 @@ class Worst:
     least: bool = False
     scenario: str = ""
     unit: str = ""
+    share: float = math.nan
 
     @property
     def broken(self) -> bool:

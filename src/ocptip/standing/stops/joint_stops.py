@@ -33,8 +33,7 @@ class JointStops:
         drives: (N,), largest share of a torque limit that a drive needs; zero where the drives are off.
         rests: (N,), s, until all joints rest; infinite if they do not.
         displacements: (N, n), rad (sliding joints: m): how far a joint gets at most.
-        outside: how far an angle is beyond its limits at most, rad (m), and the joint, 0-based; at most 0
-            where none is.
+        outside: (N, n), rad (m): how far angles are beyond their limits at most; positive where they are.
         clearances: (N,), m, smallest distance of what may collide in `postures` postures; infinite if not
             known.
         nearest: (N,), number of the pair in `Collisions.labels` that this distance is between.
@@ -52,7 +51,7 @@ class JointStops:
     drives: np.ndarray
     rests: np.ndarray
     displacements: np.ndarray
-    outside: tuple[float, int]
+    outside: np.ndarray
     clearances: np.ndarray
     nearest: np.ndarray
     nearest_after: np.ndarray
@@ -64,6 +63,12 @@ class JointStops:
         """The smallest distance of all stops, m; infinite if none is known."""
         return float(np.min(self.clearances, initial=np.inf))
 
+    @property
+    def farthest(self) -> tuple[float, int]:
+        """How far an angle is beyond its limits in all stops at most, rad (m), and the joint, 0-based."""
+        joint = int(np.argmax(np.max(self.outside, axis=0)))
+        return float(np.max(self.outside[:, joint])), joint
+
     def collision_words(self, robot: Robot, times: np.ndarray) -> str:
         """The bodies that the smallest distance is between, and when; times (N,) of the stops, s."""
         i = int(np.argmin(self.clearances))
@@ -73,17 +78,17 @@ class JointStops:
     def joined(self, other: JointStops) -> JointStops:
         """Both."""
         pairs = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in _BY_STOP}
-        outside, alike = max(self.outside, other.outside), float(np.fmax(self.alike, other.alike))
-        return JointStops(**pairs, outside=outside, postures=self.postures + other.postures, alike=alike)
+        alike = float(np.fmax(self.alike, other.alike))
+        return JointStops(**pairs, postures=self.postures + other.postures, alike=alike)
 
     def some(self, rows: np.ndarray) -> JointStops:
-        """Those of some rows; angles are of all."""
+        """Those of some rows."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _BY_STOP})
 
 
 _BY_STOP = (
     *("GN", "GT", "after", "wrenches", "torques", "drives", "rests", "displacements"),
-    *("clearances", "nearest", "nearest_after"),
+    *("outside", "clearances", "nearest", "nearest_after"),
 )
 
 
@@ -139,8 +144,9 @@ class StopCheck:
         displacements, (angles, stop) = np.zeros((count, n)), reached
         np.maximum.at(displacements, stop, np.max(np.abs(angles - begun[stop]), axis=0))
         limits = self._robot.limits
-        over = np.max(np.maximum(limits.angle_min - angles, angles - limits.angle_max), axis=(0, 1))
-        joint = int(np.argmax(over))
+        outside = np.full((count, n), -np.inf)
+        beyond = np.maximum(limits.angle_min - angles, angles - limits.angle_max)
+        np.maximum.at(outside, stop, np.max(beyond, axis=0))
         some = slice(None, None, max(1, -(-len(postures[0]) // POSTURES)))
         q, stop, when = (part[some] for part in postures)
         return JointStops(
@@ -151,7 +157,7 @@ class StopCheck:
             drives=np.zeros(count),
             rests=np.zeros(count),
             displacements=displacements,
-            outside=(float(over[joint]), joint),
+            outside=outside,
             **self._nearest(q, stop, when, count),
             postures=len(q),
             alike=self._alike.most(wrenches.reshape(-1, 6)),
