@@ -297,6 +297,8 @@ def test_casters_that_give_are_no_joints(plan):
     beside = compared(parts, replay)
     assert replay.stands
     assert beside.rms < 1.0  # N, against springs without MuJoCo
+    assert np.isnan(replay.slides[3])  # it holds nothing across its normal, so its slide says nothing
+    assert np.all(np.isfinite(replay.slides[:3]))
     model = PrescribedModel(robot, motion, 1e-4).compiled(World(), None)
     feet = [name for k in range(model.njnt) if (name := model.joint(k).name).startswith("foot")]
     assert feet[-3:] == ["foot3_s", "foot3_t", "foot4_n"]

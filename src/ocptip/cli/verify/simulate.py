@@ -9,9 +9,9 @@ import numpy as np
 
 from ocptip.api.simulate import STEEPEST, Simulated, simulate
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import quantity, table
+from ocptip.basics.text import quantity, some, table
 from ocptip.cli.command import ResultReport
-from ocptip.cli.layout import named, under
+from ocptip.cli.layout import fitted, headlines, under
 from ocptip.cli.options import naming_options, taken
 from ocptip.standing.parts import owners
 from ocptip.standing.simulation.mjcf import remarks
@@ -54,8 +54,9 @@ class SimulateReport(ResultReport):
         what = "No foot and no object" if seen.objects else "No foot"
         verdict = f"STABLE in the simulator. {what} gets {limits}"
         if not seen.stands:
-            verdict = f"{'FALLS' if seen.falls else 'NOT STABLE'} in the simulator"
-        lines = [f"{self.result.name}   {verdict}.", "", *self._table(), ""]
+            moves = some(self._moves(), 3)
+            verdict = "FALLS in the simulator" if seen.falls else f"NOT STABLE in the simulator: {moves}"
+        lines = [*headlines(f"{self.result.name}   {verdict}."), "", *self._table(), ""]
         if seen.objects:
             lines += [*self._objects(), ""]
         rows = [("scenario", seen.world.text() or "nominal")]
@@ -73,7 +74,22 @@ class SimulateReport(ResultReport):
             )
         rows.append(("simulator", simulator_numbers(self.result.parts[0].robot, seen.step)))
         rows += under("note", remarks(self.result.parts))
-        return "\n".join([*lines, *named(rows)])
+        return "\n".join([*lines, *fitted(rows)])
+
+    def _moves(self) -> list[str]:
+        """What lifts or slides by more than what counts as none, feet first; of feet the farthest."""
+        seen = self.result.replay
+        heights = seen.heights.max(axis=0)
+        lifts = [(f"contact {np.argmax(heights) + 1}", seen.lift)]
+        slides = [(f"contact {np.argmax(np.nan_to_num(seen.slides)) + 1}", seen.slide)]
+        lifts += [(name, moved.lift) for name, moved in seen.objects.items()]
+        slides += [(name, moved.slide) for name, moved in seen.objects.items()]
+        return [
+            f"{name} {verb} {1e3 * by:.3g} mm (counts from {1e3 * most:g} mm)"
+            for verb, moved, most in (("lifts", lifts, LIFTED), ("slides", slides, SLID))
+            for name, by in moved
+            if by > most
+        ]
 
     def _table(self) -> list[str]:
         seen, library = self.result.replay, self.result.library
@@ -84,7 +100,10 @@ class SimulateReport(ResultReport):
             if library is not None:
                 theirs = [quantity(library.least[k], "N", 3), self._when(library.when[k])]
             force = quantity(float(seen.forces[index, k]), "N", 3)
-            lengths = [f"{1e3 * x:.3f} mm" for x in (seen.heights[:, k].max(), seen.slides[k])]
+            lengths = [
+                "-" if np.isnan(x) else f"{1e3 * x:.3f} mm"
+                for x in (seen.heights[:, k].max(), seen.slides[k])
+            ]
             rows.append([f"{k + 1}", force, self._when(seen.times[index]), *theirs, *lengths])
         return table(rows, left=())
 

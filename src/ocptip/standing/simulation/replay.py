@@ -33,6 +33,7 @@ from ocptip.standing.simulation.mjcf import (
     FOOT,
     FOOT_BODY,
     JAW_BODY,
+    NO_SLIP,
     ON_SPRINGS,
     PAYLOAD,
     PROCESS,
@@ -63,7 +64,8 @@ class Replay:
         times: (T,), s, in the middle of steps.
         forces: (T, n), N, normal forces of the contacts.
         heights: (T, n), m, of the soles above the ground; of rigid clamps zero.
-        slides: (n,), m, the farthest that a sole that pressed was from where it stood at the start.
+        slides: (n,), m, the farthest that a sole that pressed was from where it stood at the start; NaN of
+            contacts without friction, which hold nothing there.
         end: of the motion, s.
         falls: the base fell over, or the simulation broke off.
         quiet: (T,) True outside of steps with a switching time, in which forces are means.
@@ -90,7 +92,7 @@ class Replay:
     @property
     def slide(self) -> float:
         """Longest slide, m."""
-        return float(self.slides.max())
+        return float(np.nanmax(self.slides, initial=0.0))
 
     @property
     def stands(self) -> bool:
@@ -114,7 +116,8 @@ def simulator_numbers(robot: Robot, step: float) -> str:
         f"soles that give within {1e3 * time:.2g} ms, damping {damping:g}, impedance {numbers['solimp'][0]:g}"
     )
     springs = f", on springs with {100 * FOOT:g} % of the base's mass each" if elastic else ""
-    return f"MuJoCo {library_mujoco().__version__}, step {1e3 * step:.3g} ms, {soles}{springs}"
+    no_slip = f", {NO_SLIP} iterations against creep" if robot.objects else ""
+    return f"MuJoCo {library_mujoco().__version__}, step {1e3 * step:.3g} ms, {soles}{springs}{no_slip}"
 
 
 def library_mujoco() -> Any:
@@ -227,7 +230,8 @@ class Simulator:
                 yields = isinstance(contact, ForceConstantTwoSidedClamp)  # also downwards
                 heights[:, k] = np.abs(height) if yields else np.maximum(height, 0.0)
             across = np.linalg.norm(away - (away @ contact.normal)[:, None] * contact.normal, axis=1)
-            slides[k] = np.max(across, where=held, initial=0.0)
+            smooth = isinstance(contact, UnilateralContact) and not contact.friction
+            slides[k] = np.nan if smooth else np.max(across, where=held, initial=0.0)
         middle = times[:-1] + 0.5 * self.step
         events = [part.begin + np.append(part.motion.event_times, part.end - part.begin) for part in parts]
         events = (np.concatenate(events)[:, None] + late[None]).ravel()
