@@ -58,7 +58,7 @@ def write_c(
     if not target.stem.isidentifier():
         raise InputError(f"path: expected a file NAME.c with NAME an identifier, got {str(path)!r}")
     listed = [functions] if isinstance(functions, LeanFunction | cs.Function) else list(functions)
-    plain = [one.function if isinstance(one, LeanFunction) else one for one in listed]
+    plain = [LeanFunction.of(one).function for one in listed]
     names = [one.name() for one in plain]
     if not plain or len(set(names)) != len(names):
         raise InputError(f"functions: expected at least one, with different names, got {names}")
@@ -80,7 +80,8 @@ def write_c(
 
 def described(given: LeanFunction | cs.Function) -> list[str]:
     """Lines on a function: operations, inputs and outputs in order, and the values of its robot."""
-    function = given.function if isinstance(given, LeanFunction) else given
+    lean = LeanFunction.of(given)
+    function = lean.function
     lines = [f"{function.name()}: {MARK} with CasADi {cs.CasadiMeta.version()}."]
     if function.is_a("SXFunction"):
         count = count_operations(function)
@@ -94,18 +95,13 @@ def described(given: LeanFunction | cs.Function) -> list[str]:
     ):
         for k, name in enumerate(names):
             rows, columns = size(k)
-            lines.append(f"{kind}[{k}]: {name}, {rows} x {columns}{_entries(given, name)}")
-            if kind == "arg" and isinstance(given, LeanFunction) and rows * columns and name in _OWN:
-                values = np.ravel(getattr(given, name), order="F").tolist()
+            entries = lean.entries.get(name, ())
+            named = f": {', '.join(entries)}" if entries else ""
+            lines.append(f"{kind}[{k}]: {name}, {rows} x {columns}{named}")
+            values = np.ravel(getattr(lean, name), order="F").tolist() if name in _OWN else []
+            if kind == "arg" and values:
                 lines.append(f"  of this robot: {{{', '.join(map(repr, values))}}}")
     return lines
-
-
-def _entries(given: LeanFunction | cs.Function, name: str) -> str:
-    if not isinstance(given, LeanFunction):
-        return ""
-    names = {"inertia": given.inertia_names, "geometry": given.geometry_names}.get(name, ())
-    return f": {', '.join(names)}" if names else ""
 
 
 # Simulink's own gateway (simulink.c) and that of CasADi both define mexFunction: the latter is left out.

@@ -98,17 +98,9 @@ def complete_function(
     inputs = [z, zd, zdd, q, cs.SX(0, 1), inertia, gravity]
     names = ["z", "zd", "zdd", "q", "geometry", "inertia", "gravity"]
     function = tidy(cs.Function(name, inputs, results, names, list(outputs)))
-    lean_function = LeanFunction(
-        function,
-        "A",
-        2 if base is None else 3,
-        tuple(parameter_names),
-        values,
-        (),
-        np.zeros(0),
-        np.array(description.gravity),
-        np.zeros((3, 0)),
-    )
+    numbers = tuple(parameter_names), values
+    gravity_there = np.array(description.gravity)
+    lean_function = LeanFunction(function, "A", 2 if base is None else 3, *numbers, gravity=gravity_there)
     _check(robot, lean_function, outputs)
     return lean_function
 

@@ -18,7 +18,7 @@ then tidied.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as cs
 import numpy as np
@@ -63,14 +63,24 @@ class LeanFunction:
     """
 
     function: cs.Function
-    form: str
-    dynpar: int
-    inertia_names: tuple[str, ...]
-    inertia: np.ndarray
-    geometry_names: tuple[str, ...]
-    geometry: np.ndarray
-    gravity: np.ndarray
-    joint_terms: np.ndarray
+    form: str = ""
+    dynpar: int = 0
+    inertia_names: tuple[str, ...] = ()
+    inertia: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    geometry_names: tuple[str, ...] = ()
+    geometry: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    gravity: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    joint_terms: np.ndarray = field(default_factory=lambda: np.zeros((3, 0)))
+
+    @classmethod
+    def of(cls, given: LeanFunction | cs.Function) -> LeanFunction:
+        """A function as it is, or one of CasADi without numbers of a robot."""
+        return given if isinstance(given, cls) else cls(given)
+
+    @property
+    def entries(self) -> dict[str, tuple[str, ...]]:
+        """Names of the entries of inputs that have some."""
+        return {"inertia": self.inertia_names, "geometry": self.geometry_names}
 
     @property
     def count(self) -> OperationCount:
@@ -179,7 +189,7 @@ def lean_function(
     Motor forces of four and more coupled coordinates are eliminated in a fixed order, chosen at the home
     pose. Where the force lines of its first three motors become parallel to a plane the code divides by
     zero although the robot is regular; near such poses take form "S" with "J_a" and
-    :func:`ocptip.parallel.dynamics.actuation.motor_forces`.
+    :func:`ocptip.parallel.dynamics.terms.motor_forces`.
 
     Args:
         description: a robot whose legs have as many joints up to the coupling point as there are free

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import casadi as cs
 import numpy as np
@@ -100,13 +100,13 @@ def latex_text(functions: Functions) -> str:
     lines = [f"% {MARK}. Needs amsmath; \\allowdisplaybreaks lets long lists continue on the next page."]
     for one in functions:
         lines += ["", *(f"% {line}" for line in described(one)), r"\begin{align*}"]
-        lines += [",\\\\\n".join(_latex(_expanded(one), _names(one))) + ".", r"\end{align*}"]
+        lines += [",\\\\\n".join(_latex(_expanded(one), LeanFunction.of(one).entries)) + ".", r"\end{align*}"]
     return "\n".join(lines) + "\n"
 
 
 def _expanded(given: LeanFunction | cs.Function) -> cs.Function:
     """The function as a list of scalar operations."""
-    function = given.function if isinstance(given, LeanFunction) else given
+    function = LeanFunction.of(given).function
     return function if function.is_a("SXFunction") else function.expand()
 
 
@@ -142,7 +142,7 @@ def _matlab(function: cs.Function) -> list[str]:
     return [*lines, "end"]
 
 
-def _latex(function: cs.Function, names: dict[str, Sequence[str]]) -> Iterator[str]:
+def _latex(function: cs.Function, names: Mapping[str, Sequence[str]]) -> Iterator[str]:
     """The equations of one function."""
     uses = _uses(function)
     values: dict[int, tuple[str, int]] = {}
@@ -189,13 +189,6 @@ def _number(value: float) -> tuple[str, int]:
     digits = digits.removesuffix(".0")
     text = rf"{digits} \cdot 10^{{{int(power)}}}" if power else digits
     return text, _SUM if value < 0 else _PRODUCT if power else _ATOM
-
-
-def _names(given: LeanFunction | cs.Function) -> dict[str, Sequence[str]]:
-    """Names of the entries of arguments that have some."""
-    if not isinstance(given, LeanFunction):
-        return {}
-    return {"inertia": given.inertia_names, "geometry": given.geometry_names}
 
 
 def _entry(name: str, sparsity: cs.Sparsity, number: int, names: Sequence[str] = ()) -> str:

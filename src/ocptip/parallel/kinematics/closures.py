@@ -37,6 +37,26 @@ class LegMotion:
     mismatch: float
 
 
+@dataclass(frozen=True, eq=False)
+class PlatformMotion:
+    """Position and rates of the platform at one instant.
+
+    Attributes:
+        z: (m,) coordinates; s: (m,) quasi-velocities.
+        r, R: position (3,), m, and rotation (3, 3) of the platform.
+        T: (6, m) twist t = T s'; T_drift: (6,) t' = T s'' + T_drift. Redundant joints have zero columns.
+        t: (6,) twist of the platform, world axes.
+    """
+
+    z: np.ndarray
+    s: np.ndarray
+    r: np.ndarray
+    R: np.ndarray
+    T: np.ndarray
+    T_drift: np.ndarray
+    t: np.ndarray
+
+
 class LegClosure:
     """A leg with its base frame in numbers.
 
@@ -139,39 +159,20 @@ class LegClosure:
         loads[: self.topology.bodies] = leg_load.reshape(6, -1).T
         return loads
 
-    def motion(
-        self,
-        q: np.ndarray,
-        R: np.ndarray,
-        T: np.ndarray,
-        T_drift: np.ndarray,
-        s: np.ndarray,
-        rho: list[int],
-    ) -> LegMotion:
-        """Rates of all joints of the complete leg.
-
-        Args:
-            q: (n,).
-            R: platform rotation.
-            T, T_drift: twist of the platform t = T s', t' = T s'' + T_drift.
-            s: (m + k,) quasi-velocities, then the rates of the redundant joints.
-            rho: columns of s that belong to this leg's locked joints.
-        """
-        m = T.shape[1]
-        C = self.platform_side(R)
+    def motion(self, q: np.ndarray, platform: PlatformMotion, rho: list[int]) -> LegMotion:
+        """Rates of all joints (n,) of the complete leg; rho: columns of s of this leg's locked joints."""
         J, _ = self.jacobian(q)
-        right = np.zeros((len(J), len(s)))
-        right[:, :m] = C @ T
+        right = self.platform_side(platform.R) @ platform.T
         right[:, rho] -= J[:, self.locked]
         inverse = np.linalg.pinv(J[:, self.free], rcond=1e-11)
-        Jq = np.zeros((self.n, len(s)))
+        Jq = np.zeros((self.n, right.shape[1]))
         Jq[self.free] = inverse @ right
         Jq -= self.idling(q, Jq)
         Jq[self.locked, rho] = 1.0
         mismatch = np.abs(J[:, self.free] @ Jq[self.free] - right).max() / max(1.0, np.abs(right).max())
-        qd = Jq @ s
+        qd = Jq @ platform.s
         bias = np.zeros(self.n)
-        bias[self.free] = inverse @ self.drift(q, qd, R, T_drift, T @ s[:m])
+        bias[self.free] = inverse @ self.drift(q, qd, platform.R, platform.T_drift, platform.t)
         return LegMotion(q, Jq, bias - self.idling(q, bias, qd), qd, float(mismatch))
 
     def idle_motions(self, q: np.ndarray) -> np.ndarray:
@@ -200,25 +201,17 @@ class LegClosure:
             forces = forces + self.body_dynamics(q, speeds, np.zeros(3), self.inertia)[1]
         return heavy @ np.linalg.solve(heavy.T @ M @ heavy, heavy.T @ forces)
 
-    def point_motion(
-        self,
-        q: np.ndarray,
-        R: np.ndarray,
-        T: np.ndarray,
-        T_drift: np.ndarray,
-        s: np.ndarray,
-        rows: Sequence[int],
-    ) -> LegMotion:
+    def point_motion(self, q: np.ndarray, platform: PlatformMotion, rows: Sequence[int]) -> LegMotion:
         """Rates of the joints up to the coupling point (3.42); J_B is square there."""
         J, rows = self.point_jacobian(q, rows), list(rows)
-        U = self.platform_side(R)[rows] @ T
+        U = self.platform_side(platform.R)[rows] @ platform.T
         try:
             Jq = np.linalg.solve(J, U)
         except np.linalg.LinAlgError:
-            Jq = np.full((self.point, len(s)), np.inf)
-        qd = Jq @ s
-        accelerated = self.drift(self.padded(q), self.padded(qd), R, T_drift, T @ s)[rows]
-        return LegMotion(q, Jq, np.linalg.solve(J, accelerated), qd, 0.0)
+            Jq = np.full(U.shape, np.inf)
+        qd = Jq @ platform.s
+        at = self.padded(q), self.padded(qd), platform.R, platform.T_drift, platform.t
+        return LegMotion(q, Jq, np.linalg.solve(J, self.drift(*at)[rows]), qd, 0.0)
 
     def point_jacobian(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
         """J_B (rows, point): velocity of the coupling point per joint rate, world axes."""

@@ -14,7 +14,7 @@ from ocptip.numerics.vectors import nearest_turn
 from ocptip.parallel.description.frames import PlatformCoordinates
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.kinematics.closed_form import leg_type
-from ocptip.parallel.kinematics.closures import LegMotion
+from ocptip.parallel.kinematics.closures import LegMotion, PlatformMotion
 from ocptip.parallel.kinematics.dependent import DependentCoordinates
 from ocptip.parallel.kinematics.leg_solver import CLOSURE_TOLERANCE, STEP_LIMIT, LegSolver, Way
 
@@ -68,24 +68,9 @@ class ForwardPose(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class RobotMotion:
-    """Position and rates of everything at one instant.
+class RobotMotion(PlatformMotion):
+    """Position and rates of everything at one instant; `legs`: motion of every leg."""
 
-    Attributes:
-        z: (m,) coordinates; s: (m,) quasi-velocities.
-        r, R: position (3,), m, and rotation (3, 3) of the platform.
-        T: (6, m) twist t = T s'; T_drift: (6,) t' = T s'' + T_drift. Redundant joints have zero columns.
-        t: (6,) twist of the platform, world axes.
-        legs: motion of every leg.
-    """
-
-    z: np.ndarray
-    s: np.ndarray
-    r: np.ndarray
-    R: np.ndarray
-    T: np.ndarray
-    T_drift: np.ndarray
-    t: np.ndarray
     legs: tuple[LegMotion, ...]
 
 
@@ -274,16 +259,14 @@ class Kinematics:
             drift = self.platform.selection_drift(moving, s[:free])
         else:
             T, drift = self.along.twist(moving, s, q, R)
-        legs = []
+        T = np.hstack([T, np.zeros((6, self.m - free))])
+        platform, legs, rows = PlatformMotion(z, s, r, R, T, drift, T @ s), [], self.description.position_rows
         for leg, joints, rho in zip(self.legs, q, self._rho, strict=True):
             if complete:
-                legs.append(leg.motion(joints, R, T, drift, s, rho))
+                legs.append(leg.motion(joints, platform, rho))
             else:
-                legs.append(
-                    leg.point_motion(joints[: leg.point], R, T, drift, s, self.description.position_rows)
-                )
-        wide = np.hstack([T, np.zeros((6, self.m - free))])
-        return RobotMotion(z, s, r, R, wide, drift, wide @ s, tuple(legs))
+                legs.append(leg.point_motion(joints[: leg.point], platform, rows))
+        return RobotMotion(**vars(platform), legs=tuple(legs))
 
     def quasi(self, z: np.ndarray, zd: np.ndarray, zdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """s' = H z' and s'' = H z'' + H' z' (3.41)."""

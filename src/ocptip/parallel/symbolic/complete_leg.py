@@ -44,6 +44,7 @@ class CompleteLeg:
         free: the leg with the robot's inertia in numbers and without friction, None if there is no inertia
             along the idle motion. (Motor forces remain linear in the inertia that `model` has.)
         held: wrenches at the end, world axes, that do no work along the joints, one per other row.
+        motion: of all bodies, once moved.
     """
 
     model: LegModel
@@ -59,7 +60,7 @@ class CompleteLeg:
     idle: Scalars = field(default_factory=list)
     momentum: Scalars = field(default_factory=list)
     held: list[Wrench] = field(default_factory=list)
-    motion: ChainState | None = None
+    motion: ChainState = field(init=False)
 
     def __post_init__(self) -> None:
         for other in self.others:
@@ -76,13 +77,6 @@ class CompleteLeg:
             weights = _free_efforts(self.free, still, self.idle) if self.free else self.idle
             whole = dot(weights, self.idle)
             self.momentum = [weight / whole for weight in weights]
-
-    @property
-    def moved(self) -> ChainState:
-        """Its motion, once computed."""
-        if self.motion is None:
-            raise RuntimeError("the motion of the legs has not been computed")
-        return self.motion
 
     def followed(self, linear: Vector, angular: Vector, given: Scalars) -> Scalars:
         """Joint rates for a velocity of the end, world axes, without a part along the idle motion.

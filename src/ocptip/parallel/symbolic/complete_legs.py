@@ -135,7 +135,7 @@ class CompleteEquations:
         force, moment = platform_wrench(self._own, self.platform, self.gravity)
         forces, left = {}, {}
         for number, leg in enumerate(self.legs):
-            efforts = leg_efforts(leg.model, leg.moved)
+            efforts = leg_efforts(leg.model, leg.motion)
             for joint in leg.model.actuated:
                 forces[number, joint] = efforts[joint]
                 efforts[joint] = efforts[joint] if motors_too else cs.SX(0.0)
@@ -156,11 +156,11 @@ class CompleteEquations:
 
     def joint_rates(self) -> cs.SX:
         """(n,) of all joints, leg by leg."""
-        return cs.vertcat(*(rate for leg in self.legs for rate in leg.moved.rates))
+        return cs.vertcat(*(rate for leg in self.legs for rate in leg.motion.rates))
 
     def joint_accelerations(self) -> cs.SX:
         """(n,) of all joints, leg by leg."""
-        return cs.vertcat(*(value for leg in self.legs for value in leg.moved.accelerations))
+        return cs.vertcat(*(value for leg in self.legs for value in leg.motion.accelerations))
 
     def coordinate_rates(self) -> list[cs.SX]:
         """z' (m,) from the given s'."""
