@@ -75,7 +75,7 @@ class LeanFunction:
     @classmethod
     def of(cls, given: LeanFunction | cs.Function) -> LeanFunction:
         """A function as it is, or one of CasADi without numbers of a robot."""
-        return given if isinstance(given, cls) else cls(given)
+        return given if isinstance(given, LeanFunction) else cls(given)
 
     @property
     def entries(self) -> dict[str, tuple[str, ...]]:
