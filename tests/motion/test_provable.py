@@ -14,7 +14,7 @@ from ocptip.cli.plan.plan_report import PlanReport
 from ocptip.motion.check import check_motion
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.plan import proved_part
-from ocptip.motion.provable import UNTIL_CANCELS, proved_slower
+from ocptip.motion.provable import UNTIL_CANCELS, proved_slower, sampled_near
 from ocptip.numerics.time_limit import TimeBudget
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.stops.by_cancel import Cancel
@@ -42,6 +42,38 @@ def test_the_smallest_step_is_taken_that_proves_the_cancels():
         slower = proved_slower(again(1.0, enough), lambda factor, most=enough: again(factor, most), [])
         assert tried[1:] == list(UNTIL_CANCELS[:steps])
         assert (slower is None) == (enough == 1.1)
+
+
+@pytest.mark.parametrize(
+    ("excess", "gain", "factors"),
+    [
+        (0.0, 2.0, [1.004]),
+        (0.0, 0.3, [1.004, 1.02]),
+        (0.0, 0.15, [1.004]),
+        (-0.03, 0.3, [1.016]),  # samples are far from the limit
+    ],
+)
+def test_what_gains_little_of_time_is_as_slow_as_is_allowed_if_that_is_enough(excess, gain, factors):
+    tried, limit = list[float](), SimpleNamespace(number=1.0, largest_step=0.02, of_place=False, result="GT")
+    worst = {"GT": SimpleNamespace(excess=excess)}
+
+    def again(factor):
+        tried.append(factor)
+        short = 0.004 - gain * (factor - 1)
+        faults = [(limit, short, [0.0])] if short > 0 else []
+        known = {"proved_while_moving": not faults, "lacks_cancels": False}
+        return SimpleNamespace(check=SimpleNamespace(**known, worst=worst, not_proved=lambda asked: faults))
+
+    slower = proved_slower(again(1.0), again, [])
+    assert tried[1:] == pytest.approx(factors)
+    assert (slower is None) == (gain == 0.15)
+
+
+def test_tighter_numbers_help_only_where_samples_are_near_them():
+    limit = SimpleNamespace(result="GT_worst_case")
+    for excess, near in ((-0.03, False), (-0.01, True)):
+        checked = SimpleNamespace(worst={"GT_worst_case": SimpleNamespace(excess=excess)})
+        assert sampled_near(checked, [(limit, 0.004, [0.0])]) == near
 
 
 @pytest.mark.parametrize("ends", [False, True])

@@ -30,7 +30,7 @@ from ocptip.motion.cycles.task import Task, refuse_driving, refuse_objects
 from ocptip.motion.largest_tolerance import LargestTolerance, largest_tolerance, too_much_at_rest
 from ocptip.motion.motion_plan import MotionPlan
 from ocptip.motion.multi_start import ToleranceError
-from ocptip.motion.plan import plan_motion
+from ocptip.motion.plan import FIRST, plan_motion
 from ocptip.motion.planner.random_start import SLOWER
 from ocptip.motion.stops.cancels import SafeDecelerations, in_all
 from ocptip.motion.stops.check import (
@@ -89,7 +89,7 @@ def plan(
     task: TaskLike,
     *,
     drive_profile: ProfileLike | None = None,
-    starts: int = 8,
+    starts: int | None = None,
     seed: int = 0,
     jobs: int | None = 1,
     executor: Executor | None = None,
@@ -118,7 +118,7 @@ def plan(
     Args:
         task: from :func:`ocptip.load_task`, or what that takes.
         drive_profile: how the base drives meanwhile, instead of as in the task, see :func:`ocptip.check`.
-        starts: number of random starts, of a cycle per segment.
+        starts: number of random starts; default 8, of a cycle 2 per segment: there later ones gain little.
         seed: of the random starts.
         jobs: number of processes; None: one per core, then a script needs `if __name__ == "__main__":`.
         executor: runs the starts instead: any executor of `concurrent.futures`.
@@ -151,6 +151,7 @@ def plan(
         for number in numbers:
             positive_number(name, number)
     task = prepared(driving(load_task(task), drive_profile), controller, rise_time, stops)
+    starts = (FIRST if task.is_cycle else 8) if starts is None else starts
     refuse_objects(task, *["sensitivities"] * sensitivities)
     refuse_driving(task, *["sensitivities"] * sensitivities)
     if task.is_cycle and sensitivities:

@@ -24,6 +24,11 @@ take long, and do not say by how much they fall short.
 AHEAD = 2
 """Times what a proof falls short are limits tightened, for proofs are a little different each time."""
 
+LOADS, BOUNDS = 2.0, 0.5
+"""What a factor of all times gains, by its difference from 1: loads fall by its square. Where samples are far
+from the limit, and only the bounds of a proof are beyond, these fall more slowly.
+"""
+
 Faults = Sequence[tuple[AskedLimit, float, list[float]]]
 """Limits that a proof leaves open, by how much, and when, s."""
 
@@ -59,6 +64,12 @@ def within_reach(faults: Faults) -> bool:
     return bool(faults) and all(short <= PROOFS * limit.largest_step for limit, short, _ in faults)
 
 
+def sampled_near(checked: MotionCheck, faults: Faults) -> bool:
+    """Whether a sampled value is so near to a limit that is open that a tighter number changes the motion."""
+    near = [(checked.worst.get(limit.result), PROOFS * AHEAD * short) for limit, short, _ in faults]
+    return any(worst is None or worst.excess > -step for worst, step in near)
+
+
 def slower_to_prove(
     robot: StandingMechanism, motion: Trajectory, checked: MotionCheck, limits: Limits, prove: Prove
 ) -> Timed | None:
@@ -84,7 +95,7 @@ def proved_slower(run: C, again: Callable[[float], C], limits: Sequence[Limit]) 
     """
     asked = [limit for limit in limits if isinstance(limit, AskedLimit)]
     factor, slower, first = 1.0, run, 0.0
-    gain = 2.0  # of the share that is missing, by a factor near 1: loads fall by its square
+    gain = LOADS  # of the share that is missing, by a factor near 1
     for _ in range(PROOFS):
         if slower.check.lacks_cancels:
             factor = next((step for step in UNTIL_CANCELS if step > factor), math.inf)
@@ -95,8 +106,11 @@ def proved_slower(run: C, again: Callable[[float], C], limits: Sequence[Limit]) 
             missing = max(short / limit.number for limit, short, _ in faults)
             if factor > 1:
                 gain = (first - missing) / (factor - 1)  # parts of loads do not depend on speed
+            enough = gain * (DEARER - factor) > missing
+            if factor == 1 and not sampled_near(slower.check, faults):
+                gain = BOUNDS
             first = first or missing
-            factor = factor + AHEAD * missing / gain if gain > 0 else math.inf
+            factor = min(factor + AHEAD * missing / gain, DEARER) if enough else math.inf
         if factor > (UNTIL_CANCELS[-1] if slower.check.lacks_cancels else DEARER):
             break
         slower = again(factor)

@@ -98,7 +98,9 @@ COMMANDS = (
                     "time for search and checks, s; checks that it does not leave time for are named",
                     type=float,
                 ),
-                argument("--starts", "N", "random initial motions (default: 8)", type=int, default=8),
+                argument(
+                    "--starts", "N", "random initial motions (default: 8; of a cycle 2 per segment)", type=int
+                ),
                 SEED,
                 JOBS,
                 SCHEDULER,

@@ -15,7 +15,7 @@ from ocptip.motion.planner.formulation import Formulation, Smoothing
 from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.program import MotionProgram, Pull
 from ocptip.motion.planner.random_start import random_change, random_start
-from ocptip.motion.provable import AHEAD, DEARER, PROOFS, Timed, slower_to_prove, within_reach
+from ocptip.motion.provable import AHEAD, DEARER, PROOFS, Timed, sampled_near, slower_to_prove, within_reach
 from ocptip.motion.task import MotionTask
 from ocptip.motion.violations import broken_words
 from ocptip.numerics.ipopt import ending
@@ -236,7 +236,7 @@ class Search:
         try:
             for _ in range(PROOFS):
                 faults = checked.not_proved(self._asked)
-                if not within_reach(faults):
+                if not within_reach(faults) or not sampled_near(checked, faults):
                     break
                 ahead = [(limit, AHEAD * short) for limit, short, _ in faults]
                 refiner.limits = tightened(refiner.limits, ahead)
