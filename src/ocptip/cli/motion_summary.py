@@ -25,7 +25,6 @@ from ocptip.motion.summary import (
     margin_table,
     proof_lines,
     rises,
-    robustness_lines,
     segment_rows,
 )
 from ocptip.motion.violations import broken_words
@@ -151,7 +150,7 @@ def motion_text(
         if checked_motion.task.is_cycle
         else [],
         [*margin_table(robot, checked), *proof_lines(checked)],
-        robustness_lines(checked_motion.robustness),
+        checked_motion.robustness_lines,
         changes_table(checked_motion.sensitivities, "What if"),
         *(_stops(name, stops) for name, stops in checked_motion.stops.items()),
         [line for name, item in (cancels or {}).items() for line in cancel_lines(item, name)],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ocptip.basics.text import WIDTH, quantity, table, wrapped
@@ -15,6 +15,7 @@ from ocptip.motion.margins import FOOT_FORCE, MotionMargin, critical, motion_mar
 from ocptip.motion.proof import Proof
 from ocptip.motion.stops.check import Stops
 from ocptip.motion.stops.rules import SCENARIOS
+from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated
 from ocptip.motion.violations import RESULT_TITLES, broken_words
 from ocptip.standing.at_rest.loss_search import SLIPS_ALIKE
@@ -120,6 +121,11 @@ class CheckedMotion:
         return kept and STOPS not in self.left_out
 
     @property
+    def robustness_lines(self) -> list[str]:
+        """See `robustness_lines`."""
+        return robustness_lines(self.robustness, [segment.task for segment in self.task.segments])
+
+    @property
     def headline(self) -> str:
         """The verdict of the motion and of its stops, in capital letters, and what it is about."""
         text = self.check.headline
@@ -166,7 +172,7 @@ def brief(title: str, checked_motion: CheckedMotion) -> str:
         "",
     ]
     rows += [*margin_table(checked_motion.task.robot, checked), *proof_lines(checked)]
-    return "\n".join([*rows, "", *robustness_lines(checked_motion.robustness)])
+    return "\n".join([*rows, "", *checked_motion.robustness_lines])
 
 
 _NEAR = 0.5  # share of a limit in use from which it is called critical
@@ -303,8 +309,10 @@ def motion_line(
     return f"Motion  {'   '.join(parts)}"
 
 
-def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
-    """The largest deviation of each quantity alone that loses no contact, and what that leaves out."""
+def robustness_lines(tolerated: Sequence[Tolerated], tasks: Iterable[MotionTask] = ()) -> list[str]:
+    """The largest deviation of each quantity alone that loses no contact, and what that leaves out; tasks may
+    have declared springs.
+    """
     if not tolerated:
         return []
     lost = next(
@@ -323,12 +331,19 @@ def robustness_lines(tolerated: Sequence[Tolerated]) -> list[str]:
             lines.append(part)
     capped = [one for one in tolerated if one.at_most and one.quantity not in ("friction", "foot_stiffness")]
     slips = ", or equally compliant feet slip" if any(SLIPS_ALIKE in one.how for one in tolerated) else ""
+    springs = [task for task in tasks if task.robot.support.elastic is not None]
+    counted = bool(springs) and not any(task.limits.foot_lift for task in springs)
+    slips += ", or lifts on its declared springs" if counted else ""
     until = f"until a contact is lost{slips}{'; >= : not searched further' if capped else ''};"
     lines += textwrap.wrap(until, width)
     if any(one.quantity == "foot_stiffness" for one in tolerated):
         lines.append("foot stiffness: on equal feet of it none lifts;")
     torques = "other torques" if any(one.drives is not None for one in tolerated) else "torques"
-    lines.append(f"not included: clearance, joint limits, {torques}")
+    if springs:
+        vibrate = counted and all(task.robot.swings for task in springs)
+        torques += f", {'vibration' if counted else 'lifts'} on the declared springs"
+        torques += " except for payload and speed" if vibrate else ""
+    lines += textwrap.wrap(f"not included: clearance, joint limits, {torques}", width)
     return [title + lines[0], *(" " * len(title) + line for line in lines[1:])]
 
 

@@ -2,9 +2,10 @@
 
 The loads are linear in what deviates: gravity (a tilted floor), mass at the TCP, a push, the square of a
 speed factor. So those of all instants are computed once and combined. At every level the contact forces, GN
-and GT are computed again: lost means GN or GT at 1, whatever smaller limits the motion keeps. Sampled
-instants and directions are checked; other limits (torques, clearance) are not. Of objects that only contacts
-hold, the same contacts count; what is pushed or added at the gripper does not load them.
+and GT are computed again: lost means GN or GT at 1, or that a foot lifts on declared springs, whatever
+smaller limits the motion keeps. Sampled instants and directions are checked; other limits (torques,
+clearance) are not. Of objects that only contacts hold, the same contacts count; what is pushed or added at
+the gripper does not load them.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -23,18 +24,21 @@ from ocptip.motion.cycles.task import Task
 from ocptip.numerics.bisection import bisected
 from ocptip.numerics.threads import one_thread
 from ocptip.reserves.slip import known
+from ocptip.robots.payload import Payload
 from ocptip.standing.arm import Robot
 from ocptip.standing.at_rest.alike_friction import AlikeFriction
 from ocptip.standing.at_rest.directions import pushes, slopes, tilted
 from ocptip.standing.at_rest.load_cases import LinearLoads, MotionLoads, ObjectLoads
-from ocptip.standing.at_rest.loss_search import CLOSE, Deviation, Loads, LossSearch, pushed
-from ocptip.standing.elastic.feet import STIFFEST, softest_feet
+from ocptip.standing.at_rest.loss_search import CLOSE, ON_SPRINGS, Deviation, Loads, LossSearch, pushed
+from ocptip.standing.contact_margins import Margin
+from ocptip.standing.elastic.feet import STIFFEST, first_lift, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
 from ocptip.standing.footing import Footing
 from ocptip.trajectories.trajectory import INSIDE, Trajectory
 
 SPACING = 0.01  # s: between instants, at most
 MOST_LATE = 6  # joints of which every subset may be late
+_LEVELS = 5  # of a deviation at which vibration is computed, before bisection
 _NO_DELAY = 3e3 * INSIDE  # ms: states at steps are so close to these that less is none
 TILT, SPEED, DELAY = np.radians(30.0), 1.0, 0.1  # rad, share, s: what is looked at, at most
 
@@ -134,7 +138,7 @@ def _stiffness_text(value: float) -> str:
 
 
 @one_thread
-def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
+def tolerated(robot: Robot, motion: Trajectory, may_lift: bool = False) -> tuple[Tolerated, ...]:
     """Robustness of the motion of an arm, each quantity alone.
 
     - tilt: of floor and base, in any direction, degrees;
@@ -146,17 +150,19 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
       infinite if a foot lifts on the stiffest, then `between` says on which none does, if on any;
     - delay: delay of any of the joints, ms (up to six joints that move).
 
-    Tilt, friction, speed and delay are the minimum over base and objects; with objects feet are rigid.
+    Tilt, friction, speed and delay are the minimum over base and objects; with objects there is no
+    `foot_stiffness`. A foot that lifts on declared springs is a lost contact unless it `may_lift`; payload
+    and speed then also count the vibration of the base on them.
     All values are zero for a nominal motion that loses a contact.
 
     Raises:
         InputError: the motion does not fit the arm.
     """
     robot.require_fit(motion.n)
-    robot = robot.during(motion)
+    given, robot = robot, robot.during(motion)
     times = np.union1d(motion.both_sides(SPACING), _knots(robot, motion))
     parts = MotionLoads(robot, motion, times)
-    base = _Tolerating(robot, parts, times)
+    base = _Tolerating(robot, parts, times, may_lift)
     least = base.in_motion(_late(robot, motion, lambda *states: robot.loads(*states)[1]))
     free, nominal = robot.support.gravity, parts.total()
     forces = pushed(nominal, parts.at_tool, _direction)
@@ -170,10 +176,11 @@ def tolerated(robot: Robot, motion: Trajectory) -> tuple[Tolerated, ...]:
             return robot.object_wrenches(q, qd, qdd, robot.acts.split(acting)[1])[number]
 
         loads = ObjectLoads(robot, motion, times, number)
-        of_object = _Tolerating(footing, loads, times)
+        of_object = _Tolerating(footing, loads, times, may_lift)
         for name, result in of_object.in_motion(_late(robot, motion, wrenches)).items():
             if name not in least or _worse(result, least[name]):
                 least[name] = result
+    least |= {} if may_lift else _vibrating(given, motion, least)
     feet = None if robot.objects else _stiffness(robot, motion)
     results = (least.get(name) for name in _WORDS)
     return tuple(one for one in (*results, feet) if one is not None)
@@ -186,17 +193,18 @@ class _Tolerating:
         footing: with these contacts.
         parts: the loads.
         times: of them, s.
+        may_lift: feet may lift on declared springs.
     """
 
-    def __init__(self, footing: Footing, parts: LinearLoads, times: np.ndarray) -> None:
-        self._footing, self._parts, self._times = footing, parts, times
+    def __init__(self, footing: Footing, parts: LinearLoads, times: np.ndarray, may_lift: bool) -> None:
+        self._footing, self._parts, self._times, self._may_lift = footing, parts, times, may_lift
         # Where equally compliant feet slip nominally, a headline says so, and the best sharing counts.
         self._alike = AlikeFriction.if_held(footing, parts.total()) is not None
         self._contacts = self._search(footing)
         self._what = "" if footing is parts.robot else f"{footing.name} "
 
     def _search(self, footing: Footing) -> LossSearch:
-        return LossSearch(footing, AlikeFriction(footing) if self._alike else None)
+        return LossSearch(footing, AlikeFriction(footing) if self._alike else None, not self._may_lift)
 
     def largest(
         self,
@@ -274,8 +282,8 @@ def robustness(task: Task, motion: Trajectory) -> tuple[Tolerated, ...]:
     """
     least: dict[str, Tolerated] = {}
     for segment, segment_motion, begin in zip(task.segments, motion.segments, motion.begins, strict=False):
-        robot = segment.task.robot
-        for result in tolerated(Robot.of(robot), segment_motion) if robot.arm else ():
+        robot, may_lift = segment.task.robot, segment.task.limits.foot_lift > 0
+        for result in tolerated(Robot.of(robot), segment_motion, may_lift) if robot.arm else ():
             placed = replace(result, time=float(begin) + result.time)
             if segment.name and not result.at_most:
                 placed = replace(placed, how=f"segment {segment.name}: {result.how}")
@@ -345,6 +353,45 @@ def _knots(robot: Robot, motion: Trajectory) -> np.ndarray:
     """(K,) s, within the motion, of what acts."""
     knots = robot.acts.knots
     return knots[(knots > 0) & (knots < motion.end)]
+
+
+def _near(low: float, high: float) -> bool:
+    return high - low <= CLOSE * high or high <= 1e-6
+
+
+def _vibrating(robot: Robot, motion: Trajectory, least: dict[str, Tolerated]) -> dict[str, Tolerated]:
+    """Payload and speed at which no foot lifts while the base vibrates on its declared springs.
+
+    Several levels are computed below those without vibration, for a slower motion may
+    excite a mode more than a faster one. All are zero where a foot lifts nominally.
+    """
+    whole = replace(robot.arm, payload=None, bare_link=None)  # what is held is a part of the last link
+
+    def heavier(mass: float) -> Margin | None:
+        return first_lift(robot.varied(arm=whole.with_payload(Payload(mass))).during(motion), motion)
+
+    def faster(more: float) -> Margin | None:
+        quicker = motion.time_scaled(1 / (1 + more))
+        lift = first_lift(robot.during(quicker), quicker)
+        return lift and replace(lift, time=min((1 + more) * (lift.time or 0.0), motion.end))
+
+    def lost(one: Tolerated, value: float, lift: Margin) -> Tolerated:
+        how = f"contact {lift.contacts[0]} {ON_SPRINGS}"
+        return replace(one, value=value, at_most=False, time=lift.time, how=how)
+
+    if not robot.swings:
+        return {}
+    if lift := first_lift(robot.during(motion), motion):
+        return {name: lost(one, float(name == "friction"), lift) for name, one in least.items()}
+    results = {}
+    for name, scale, lifted in (("extra_mass", 1.0, heavier), ("faster", 100.0, faster)):
+        levels = np.linspace(0.0, least[name].value / scale, _LEVELS + 1)
+        for below, level in pairwise(levels.tolist()):
+            if level > below and (lift := lifted(level)):
+                level, lift = bisected(lifted, below, level, lift, _near)
+                results[name] = lost(least[name], scale * level, lift)
+                break
+    return results
 
 
 def _late(

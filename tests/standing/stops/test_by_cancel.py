@@ -263,6 +263,9 @@ def test_without_a_safe_deceleration_both_ends_and_a_remedy_are_named(case):
     assert found.maximum is None
     assert "at 100 % " in found.text
     assert "; at 5 % " in found.text
+    assert "compliant" not in found.text
+    soft = robot.support.varied([replace(foot, stiffness=1e6) for foot in robot.support.contacts])
+    assert "; forces of compliant feet not checked)" in replace(found, robot=robot.varied(support=soft)).text
     assert found.text.endswith("To plan for it, try ocptip plan with --stop-safe cancel")
 
 

@@ -168,7 +168,8 @@ class SafeDecelerations:
             gentlest = next((level for level in self.levels if level.share < self.minimum), hardest)
         worst = dict.fromkeys([hardest, gentlest])
         why = [f"; at {100 * level.share:.3g} % {self._why(level)}" for level in worst if not level.safe]
-        return f"{kept} ({model}, checked at {self.instants} instants){''.join(why)}"
+        rigid = "; forces of compliant feet not checked" if self.robot.support.elastic else ""
+        return f"{kept} ({model}, checked at {self.instants} instants{rigid}){''.join(why)}"
 
     def _why(self, level: CancelLevel) -> str:
         """The first of the broken limits with its share of the instants, and the names of the others."""

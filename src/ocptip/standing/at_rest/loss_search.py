@@ -15,6 +15,7 @@ from ocptip.standing.footing import Footing
 
 CLOSE = 2e-3  # of a level: how near the bisection gets
 SLIPS_ALIKE = "slips if equally compliant"
+ON_SPRINGS = "lifts on its springs"
 _FIRST = 20  # wrenches beyond half spaces that are solved before the others
 
 Loads = Callable[[float], np.ndarray]
@@ -73,24 +74,35 @@ class LargestLevel:
 class LossSearch:
     """Says whether contacts of a base hold; finds the largest level at which all do.
 
+
     Args:
         footing: the base on its contacts.
         alike: the friction of equally compliant feet, if it has to be enough as well.
+        lifts: a foot that lifts on declared springs is a lost contact, also where the others hold the base.
+            It lifts where the force that it has if all feet press, which is linear in the wrench, is below
+            its lowest one. Vibration does not count.
     """
 
-    def __init__(self, footing: Footing, alike: AlikeFriction | None = None) -> None:
+    def __init__(self, footing: Footing, alike: AlikeFriction | None = None, lifts: bool = False) -> None:
         support, tip_over, slip = footing.support, footing.tip_over, footing.slip
         self._footing = footing
         self._quick = Slip(support, "tangential")
         affine = not tip_over.free_rotation and len(tip_over.axes) > 0 and support.elastic is None
         self._moments = tip_over.affine_moments if affine else None
         self._held = slip.half_spaces(1.0) if affine else None
+        elastic = support.elastic if lifts else None
+        self._springs = elastic and (elastic.normal_map, elastic.lowest)
         self._alike, self._predicting = alike, self._held
         if alike and alike.slides is not None and self._held is not None:
             self._predicting = np.vstack([self._held, alike.slides])
 
     def lost(self, wrenches: np.ndarray) -> tuple[int, str] | None:
         """Row of the worst wrench under which a contact is lost, and how; None if none is."""
+        if self._springs is not None:
+            spare = wrenches @ self._springs[0].T - self._springs[1]
+            row, foot = np.unravel_index(np.argmin(spare), spare.shape)
+            if spare[row, foot] < 0:
+                return int(row), f"contact {foot + 1} {ON_SPRINGS}"
         if (result := self._lost(wrenches)) is not None or self._alike is None:
             return result
         row = self._alike.slips(wrenches)

@@ -160,6 +160,23 @@ def on_its_feet(robot: StandingMechanism, motion: Trajectory) -> FeetMotion | No
     )
 
 
+def first_lift(robot: StandingMechanism, motion: Trajectory) -> Margin | None:
+    """The foot that lifts on the robot's declared springs, when, and by how many N; None: none does.
+
+    Until one lifts, feet that may pull move alike, which is quicker to compute. The base swings on for a
+    period after the motion.
+    """
+    elastic = robot.support.elastic
+    if elastic is None or not robot.swings:
+        return None
+    begin = motion.start[None]
+    modes = Modes.of(elastic, robot.inertia(begin, 0 * begin)[0][0])
+    ride = Ride(robot, motion, rest=1 / modes.lowest)
+    forces, times, _ = Simulation(ride, elastic, modes, one_sided=False).least()
+    k = int(np.argmin(spare := forces - elastic.lowest))
+    return Margin(float(spare[k]), float(times[k]), (k + 1,)) if spare[k] < 0 else None
+
+
 @dataclass(frozen=True)
 class SoftestFeet:
     """The minimum stiffness of equal feet so that none lifts, with `DAMPING_RATIO` of the lowest mode.
