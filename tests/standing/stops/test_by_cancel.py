@@ -203,7 +203,7 @@ def test_safe_decelerations_end_where_a_limit_does(case):
 
 @pytest.mark.slow
 def test_a_plan_for_cancels_is_not_advised_again(case):
-    """The contacts are named before the drives; a motion that was planned for cancels needs other advice."""
+    """Nor where drives lack torque. All instants break that here: it is named first, contacts beside it."""
     robot, motion, limits = case.robot, case.reference, case.limits
     full = Cancel(tuple(robot.limits.acceleration), GN=limits.GN, GT=limits.GT)
     arm = replace(robot.arm, limits=replace(robot.limits, torque=1e-3 * robot.limits.torque))
@@ -211,10 +211,12 @@ def test_a_plan_for_cancels_is_not_advised_again(case):
     tilted = replace(limits, tolerance=Uncertainty(tilt=0.1))
     for own, cancel in ((limits, full), (tilted, gentle)):
         found = safe_decelerations(robot.varied(arm=arm), motion, own, cancel, close=1.0)
-        first, *_, last = found.hardest.broken
-        assert first.name in ("GN", "GT")
-        assert last.name == "torque_ratio"
-        assert last.value == pytest.approx(found.hardest.torque_ratio)
+        first, *others = found.hardest.broken
+        assert first.name == "torque_ratio"
+        assert first.value == pytest.approx(found.hardest.torque_ratio)
+        assert {one.name for one in others} <= {"GN", "GT"}
+        assert others
+        assert "--stop-safe" not in found.text
     planned = safe_decelerations(robot, motion, replace(limits, cancel=full), full, close=1.0)
     assert not planned.hardest.safe
     assert "--stop-safe" not in planned.text
@@ -267,6 +269,19 @@ def test_without_a_safe_deceleration_both_ends_and_a_remedy_are_named(case):
     soft = robot.support.varied([replace(foot, stiffness=1e6) for foot in robot.support.contacts])
     assert "; forces of compliant feet not checked)" in replace(found, robot=robot.varied(support=soft)).text
     assert found.text.endswith("To plan for it, try ocptip plan with --stop-safe cancel")
+    # What plans leave out is no reason to plan for cancels.
+    torque = replace(found.hardest.broken[0], name="torque_ratio")
+    lacking = [replace(level, broken=(*level.broken, torque)) for level in found.levels]
+    found = replace(found, levels=tuple(lacking))
+    assert found.text.endswith(
+        ". Plans keep no torques in cancels: plan with slower motions (--duration) or a lighter payload, "
+        "then check"
+    )
+    assert in_all([found, found]).endswith("then check")
+    found = replace(
+        found, levels=(*lacking[:4], replace(lacking[4], broken=lacking[4].broken[:-1]), *lacking[5:])
+    )
+    assert found.text.endswith("To plan for it, try ocptip plan with --stop-safe cancel --deceleration 40%")
 
 
 def test_of_several_broken_limits_that_of_most_instants_is_named_and_the_others_beside_it(case):

@@ -46,12 +46,32 @@ def test_a_cancelled_slider_pulls_with_its_mass_times_its_deceleration(
 ):
     limits = Limits(GT=0.99, tolerance=tolerance)
     found = safe_decelerations(slider, slow(), limits, Cancel((deceleration,), GT=0.99))
-    use = SLIDER * deceleration / FRICTION_FORCE
-    assert found.hardest.friction_if_feet_give_alike == pytest.approx(use, rel=1e-3)
-    assert found.maximum == 1.0
-    assert found.alike == pytest.approx(use / (1 - tolerance.friction), rel=1e-2)
-    assert found.slips_alike is slips
-    assert (", BUT equally compliant feet use" in found.verdict) is slips
+    use = SLIDER * deceleration / FRICTION_FORCE / (1 - tolerance.friction)
+    assert found.hardest.friction_if_feet_give_alike == pytest.approx(use, rel=1e-2)
+    assert found.maximum == pytest.approx(1 / use if slips else 1.0, abs=0.01)
+    assert found.alike == pytest.approx(found.maximum * use, rel=1e-2)
+    assert not found.slips_alike
+    end = f"at 100 % equally compliant feet use {100 * use:.0f} % of the friction. Set that in the controller"
+    assert (end in found.text) is slips
+
+
+def test_where_only_the_best_sharing_holds_no_deceleration_is_recommended(slider):
+    """Wheels of which even the gentlest stop takes all the friction that equal compliance leaves them."""
+    full = Cancel((21 * FRICTION_FORCE / SLIDER,), GT=0.99)
+    slippery = slider.varied(support=slider.support.varied(on_wheels(0.0).contacts))
+    found = safe_decelerations(slippery, slow(), Limits(GT=0.99), full, close=1.0)
+    assert found.slips_alike
+    assert found.minimum is found.maximum is None
+    assert found.best_sharing == pytest.approx((0.05, 0.1), abs=0.051)
+    assert found.alike == pytest.approx(1.05, rel=1e-2)
+    assert (found.yaml, found.to_dict()["maximum_safe_share"]) == ("", None)
+    assert (
+        "% only the best sharing of the load holds: equally compliant feet use at least 105 %" in found.text
+    )
+    assert "Set that" not in found.text
+    assert found.text.endswith(
+        "What helps: more friction, a slower motion, or `stiffness` of the contacts where known"
+    )
 
 
 def test_stops_name_what_equally_compliant_wheels_use(slider):

@@ -36,6 +36,11 @@ from ocptip.trajectories.trajectory import Trajectory
 SHARES = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.05)
 CLOSE = 0.005  # of the share, to which its ends are determined
 _KEPT = 1e-9
+_NOT_PLANNED = {
+    CLEARANCE: ("clearance", "a larger --clearance"),
+    "torque_ratio": ("torques", "slower motions (--duration) or a lighter payload"),
+}
+"""Limits of cancels that plans leave out: what they are called, and what helps."""
 _DIGITS = 3
 
 
@@ -53,8 +58,8 @@ class CancelLevel:
         stops: in time, in the joint range and in clear space, whatever becomes of contacts and drives.
         broken: limits; first those that cancels break from the largest share of the instants, then by the
             largest share of the limit. Empty where the stops are safe.
-        friction_if_feet_give_alike: share of the friction that equally compliant feet use, at least (nominal
-            model); None where only the best sharing of the load counts.
+        friction_if_feet_give_alike: share of the friction that equally compliant feet use, at least, within
+            the uncertainty where no other limit is broken; None: another sharing of the load uses no more.
     """
 
     share: float
@@ -69,8 +74,13 @@ class CancelLevel:
 
     @property
     def safe(self) -> bool:
-        """All limits are kept."""
-        return not self.broken
+        """All limits are kept, also by equally compliant feet."""
+        return not self.broken and (self.friction_if_feet_give_alike or 0.0) < 1
+
+    @property
+    def not_planned(self) -> set[str]:
+        """The broken limits that plans for cancels leave out."""
+        return {one.name for one in self.broken} & set(_NOT_PLANNED)
 
 
 @dataclass(frozen=True)
@@ -85,10 +95,12 @@ class SafeDecelerations:
         planned: planning does not help: the motion was planned to be safe when cancelled, or the base drives.
         levels: by falling share.
         minimum, maximum: of the safe shares; None where no checked share is safe.
+        best_sharing: the same of those at which only the best sharing of the load holds, where none is safe;
+            None: none does.
         within: the uncertainty in words; empty: nominal model only.
         instants: number of those at which the motion is cancelled, for each level.
         alike: share of the friction that equally compliant feet use in cancels at the maximum, at least;
-            None where only the best sharing of the load counts.
+            without one the smallest at those of `best_sharing`. None: another sharing uses no more.
     """
 
     robot: Robot
@@ -99,14 +111,15 @@ class SafeDecelerations:
     levels: tuple[CancelLevel, ...]
     minimum: float | None
     maximum: float | None
+    best_sharing: tuple[float, float] | None
     within: str
     instants: int
     alike: float | None = None
 
     @property
     def slips_alike(self) -> bool:
-        """Whether equally compliant feet slip at the maximum."""
-        return self.alike is not None and self.alike >= 1
+        """Whether equally compliant feet slip at all decelerations that other limits allow."""
+        return self.best_sharing is not None
 
     @property
     def hardest(self) -> CancelLevel:
@@ -153,19 +166,23 @@ class SafeDecelerations:
         hardest, model = self.hardest, self.within or "nominal model"
         if self.minimum is None or self.maximum is None:
             kept = f"no deceleration from {100 * SHARES[-1]:g} to {100 * hardest.share:.3g} % of {of} is safe"
+            if self.best_sharing and self.alike:
+                kept += f", at {_percents(*self.best_sharing)[0]} only the best sharing of the load holds: "
+                kept += f"equally compliant feet use at least {of_friction(self.alike)}"
         else:
-            least, greatest = -rounded_down(-100 * self.minimum), rounded_down(100 * self.maximum)
-            safe = f"{least:g} to {greatest:g} %" if least < greatest else f"about {greatest:g} %"
+            safe, greatest = _percents(self.minimum, self.maximum)
             each = " by joint" if len(set(self.full)) > 1 and not self.together else ""
             most = self.deceleration(self.maximum) + each
             end = ", harder ones were not tried" if hardest.safe else ""
             kept = f"safe at {safe} of {of}, at {greatest:g} % {most}{end}"
             if self.alike is not None:
-                but = ", BUT" if self.slips_alike else "; there"
-                kept += f"{but} equally compliant feet use at least {of_friction(self.alike)}"
-        gentlest = self.levels[-1]
-        if self.minimum is not None:  # why no gentler one is safe
-            gentlest = next((level for level in self.levels if level.share < self.minimum), hardest)
+                kept += f"; there equally compliant feet use at least {of_friction(self.alike)}"
+        # Why no gentler one is safe; where none is, why the gentlest that stops in time and range is not.
+        least = self.minimum or (self.best_sharing or [0.0])[0]
+        stopping = [level for level in self.levels if level.stops] or self.levels
+        gentlest = next(
+            (level for level in self.levels if level.share < least), hardest if least else stopping[-1]
+        )
         worst = dict.fromkeys([hardest, gentlest])
         why = [f"; at {100 * level.share:.3g} % {self._why(level)}" for level in worst if not level.safe]
         rigid = "; forces of compliant feet not checked" if self.robot.support.elastic else ""
@@ -173,6 +190,8 @@ class SafeDecelerations:
 
     def _why(self, level: CancelLevel) -> str:
         """The first of the broken limits with its share of the instants, and the names of the others."""
+        if not level.broken:
+            return f"equally compliant feet use {of_friction(level.friction_if_feet_give_alike or 0.0)}"
         first, *others = level.broken
         share = "" if np.isnan(first.share) else f"{100 * first.share:.3g} % of the instants"
         names = ", ".join(dict.fromkeys(quantity_title(one.name).removesuffix(" / limit") for one in others))
@@ -187,16 +206,29 @@ class SafeDecelerations:
             unhelpful = self.together or self.planned or self.hardest.torque_ratio > 1
             remedy = "" if unhelpful else ", or plan with --stop-safe cancel"
             return "" if self.hardest.safe else f". Set that in the controller{remedy}"
-        if any(broken.name == CLEARANCE for broken in self.hardest.broken):
-            return ". Plans keep no clearance in cancels: plan with a larger --clearance, then check"
-        gentle = f" --deceleration {100 * self.gentlest:g}%" if self.gentlest else ""
-        to_plan = f". To plan for it, try ocptip plan with --stop-safe cancel{gentle}"
-        return "" if self.together or self.planned else to_plan
+        if self.best_sharing:
+            return ". What helps: more friction, a slower motion, or `stiffness` of the contacts where known"
+        if self.not_planned:
+            return f". {_not_planned_words(self.not_planned)}"
+        return "" if self.together or self.planned else _to_plan_words([self.to_plan_for])
 
     @property
-    def gentlest(self) -> float | None:
-        """The minimum share that stops in time and in joint range; None if none does."""
-        return min((level.share for level in self.levels if level.stops), default=None)
+    def not_planned(self) -> set[str]:
+        """Limits that plans for cancels leave out, of which each deceleration breaks one; else none."""
+        return set() if self._to_plan_for else {name for level in self.levels for name in level.not_planned}
+
+    @property
+    def to_plan_for(self) -> float | None:
+        """The smallest share that stops in time and range and breaks what is planned for alone.
+
+        Where all of these take too long or leave the range the largest; None where there is none.
+        """
+        stopping = [level.share for level in self._to_plan_for if level.stops]
+        return min(stopping) if stopping else max((level.share for level in self._to_plan_for), default=None)
+
+    @property
+    def _to_plan_for(self) -> list[CancelLevel]:
+        return [level for level in self.levels if not level.not_planned]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -212,6 +244,7 @@ class SafeDecelerations:
             **({"together": True} if self.together else {}),
             "minimum_safe_share": self.minimum,
             "maximum_safe_share": self.maximum,
+            **({"best_sharing_shares": self.best_sharing} if self.best_sharing else {}),
             "maximum_safe_deceleration": greatest,
             **({} if self.alike is None else {ALIKE: self.alike}),
             "levels": rows,
@@ -233,11 +266,18 @@ def in_all(collection: Collection[SafeDecelerations]) -> str:
         plan = f"plan with --stop-safe cancel --deceleration {greatest:g}%"
         return f"{text}; set at most that in the controller, or {plan}"
     text = "all segments: no deceleration is safe in all of them"
-    if any(levels.together or levels.planned for levels in collection):
+    if any(levels.together or levels.planned or levels.best_sharing for levels in collection):
         return text
-    shares = [levels.gentlest for levels in collection]
-    gentle = f" --deceleration {100 * max(filter(None, shares)):g}%" if all(shares) else ""
-    return f"{text}. To plan for it, try ocptip plan with --stop-safe cancel{gentle}"
+    if missing := set().union(*(levels.not_planned for levels in collection)):
+        return f"{text}. {_not_planned_words(missing)}"
+    return f"{text}{_to_plan_words([levels.to_plan_for for levels in collection])}"
+
+
+def _to_plan_words(shares: Collection[float | None]) -> str:
+    """How to plan for one deceleration in several motions."""
+    share = max(share or 1.0 for share in shares)
+    gentle = f" --deceleration {100 * share:g}%" if share < 1 else ""
+    return f". To plan for it, try ocptip plan with --stop-safe cancel{gentle}"
 
 
 def safe_decelerations(
@@ -271,31 +311,39 @@ def safe_decelerations(
     def safe(share: float) -> float | None:
         return share if level(share).safe else None
 
+    def unbroken(share: float) -> float | None:
+        return None if level(share).broken else share
+
     def near(one: float, other: float) -> bool:
         return abs(one - other) <= close
 
-    runs: list[list[float]] = [[]]
     shares = (most, *SHARES) if most > 1 else SHARES
-    for share in shares:
-        if level(share).safe:
-            runs[-1].append(share)
-        elif runs[-1]:
-            runs.append([])
-    widest = max(runs, key=lambda run: run[0] - run[-1] if run else -1.0)
-    minimum = maximum = None
-    if widest:
-        maximum, minimum = widest[0], widest[-1]
+
+    def widest(kept: Callable[[float], float | None]) -> tuple[float, float] | None:
+        """The ends of the widest range of shares that are kept."""
+        runs: list[list[float]] = [[]]
+        for share in shares:
+            if kept(share) is not None:
+                runs[-1].append(share)
+            elif runs[-1]:
+                runs.append([])
+        run = max(runs, key=lambda run: run[0] - run[-1] if run else -1.0)
+        if not run:
+            return None
+        maximum, minimum = run[0], run[-1]
         above, below = (shares.index(maximum) - 1, shares.index(minimum) + 1)
         if above >= 0:
-            maximum = bisected(safe, shares[above], maximum, maximum, near)[1]
+            maximum = bisected(kept, shares[above], maximum, maximum, near)[1]
         if below < len(shares):
-            minimum = bisected(safe, shares[below], minimum, minimum, near)[1]
-    alike = None
-    if maximum is not None:
-        scaled = replace(cancel, decelerations=tuple(maximum * a for a in cancel.decelerations))
-        cases = worst_case_of(robot, limits.tolerance)
-        if worst := alike_of_cancels(cases, motion, scaled, cancel_times(motion)):
-            alike = max(worst.value, level(maximum).friction_if_feet_give_alike or 0.0)
+            minimum = bisected(kept, shares[below], minimum, minimum, near)[1]
+        return minimum, maximum
+
+    minimum, maximum = widest(safe) or (None, None)
+    best_sharing = widest(unbroken) if maximum is None else None
+    alike = None if maximum is None else level(maximum).friction_if_feet_give_alike
+    if best_sharing:
+        slipping = (one.friction_if_feet_give_alike for one in table.values() if not one.broken)
+        alike = min(share for share in slipping if share is not None)
     return SafeDecelerations(
         robot=robot,
         full=cancel.decelerations,
@@ -305,6 +353,7 @@ def safe_decelerations(
         levels=tuple(table[share] for share in sorted(table, reverse=True)),
         minimum=minimum,
         maximum=maximum,
+        best_sharing=best_sharing,
         within=limits.tolerance.title if limits.tolerance.given else "",
         instants=len(cancel_times(motion)),
         alike=alike,
@@ -343,6 +392,10 @@ def _levels(
                 if broken := [replace(one, detail=" within the uncertainty") for one in every]:
                     break  # slip need not be evaluated
         broken += [*way, *broken_drives(times, stops)]
+        alike = [] if np.isnan(stops.alike) else [stops.alike]
+        if alike and not broken:
+            result = alike_of_cancels(worst_case_of(robot, tolerance), motion, scaled, times)
+            alike += [result.value] if result else []
         # Of limits that are broken equally often, contacts are named first: their loss is the worse one.
         broken.sort(key=lambda one: (-np.nan_to_num(one.share), -one.excess / (abs(one.limit) or 1e-9)))
         return CancelLevel(
@@ -354,10 +407,22 @@ def _levels(
             clearance_m=float(stops.clearance) if np.isfinite(stops.clearance) else None,
             stops=not way,
             broken=tuple(broken),
-            friction_if_feet_give_alike=None if np.isnan(stops.alike) else stops.alike,
+            friction_if_feet_give_alike=max(alike, default=None),
         )
 
     return level
+
+
+def _not_planned_words(names: set[str]) -> str:
+    """That plans leave limits out, and what helps."""
+    words, remedies = zip(*(_NOT_PLANNED[name] for name in sorted(names)), strict=True)
+    return f"Plans keep no {' and no '.join(words)} in cancels: plan with {', '.join(remedies)}, then check"
+
+
+def _percents(minimum: float, maximum: float) -> tuple[str, float]:
+    """A range of shares in words, rounded inwards, and its end in per cent."""
+    least, greatest = -rounded_down(-100 * minimum), rounded_down(100 * maximum)
+    return (f"{least:g} to {greatest:g} %" if least < greatest else f"about {greatest:g} %"), greatest
 
 
 def rounded_down(value: float) -> float:
