@@ -179,12 +179,6 @@ class NumericBaseParameters:
         """(rank,) base parameters of a parameter vector in the order of the layout."""
         return self.matrix @ finite_array("parameters", parameters, (self.size,))
 
-    def embedded(self, parameters: ArrayLike) -> np.ndarray:
-        """The full vector (p_base, 0) that has the same motor forces."""
-        full = np.zeros(self.size)
-        full[list(self.independent)] = self.values(parameters)
-        return full
-
     def function(self) -> cs.Function:
         """`base_parameters`: `p` (size,) to `p_base` (rank,), for C code beside generated functions."""
         p = cs.SX.sym("p", self.size)
