@@ -174,7 +174,7 @@ class PlatformPose(AnchoredPose):
     @cached_property
     def passive_map(self) -> np.ndarray:
         """A: (6 n, 6) angular velocities of all unactuated joints per screw, 1/s; |A q|^2 = sum of (6.5)."""
-        across = skew(self.spears[..., :3] / self.lengths[..., None])
+        across = skew(self.spears[..., :3] * (1.0 / self.lengths)[..., None])
         rows = np.empty((*self.base.shape[:-2], 2, self.n_legs, 3, 6))
         for k, points in enumerate((self.platform, self.base)):
             rows[..., k, :, :, :3] = -across @ skew(points)
@@ -252,8 +252,8 @@ def centroid_and_extent(base: np.ndarray, platform: np.ndarray) -> tuple[np.ndar
     """Centroid (..., 3) of both anchor sets and root mean square distance (...) from it."""
     points = np.concatenate([base, platform], axis=-2)
     centre = points.sum(axis=-2) / points.shape[-2]
-    arms = points - centre[..., None, :]
-    return centre, np.sqrt(np.einsum("...ij,...ij->...", arms, arms) / points.shape[-2])
+    arms = (points - centre[..., None, :]).reshape(*centre.shape[:-1], -1)
+    return centre, np.sqrt((arms[..., None, :] @ arms[..., None])[..., 0, 0] / points.shape[-2])
 
 
 PLANAR_LEGS = 3
