@@ -51,6 +51,8 @@ Ask = Kinds | Literal["given"]
 
 RISE_TIME = 0.02
 """s, for controllers that need one and where none is asked for."""
+FOR_PROOFS = 0.8
+"""Share of the time left that proofs may take; robustness and figures follow."""
 SLOWER_ALONG_PATH = 1.004
 """Factor of the times of a timed path that is tried first; cubics between points then keep the limits."""
 
@@ -343,13 +345,17 @@ def executed(
 def proved_runs(planned: MotionPlan, executions: list[Execution], budget: TimeBudget) -> list[Execution]:
     """What runs each segment, with its proof if there is time for it; segments share the time.
 
-    Timings of paths are slower where that makes their proof complete.
+    Timings of paths are slower where that makes their proof complete. A proof that ran out of time is not
+    begun again.
     """
     proved = list[Execution]()
     for part, run in zip(planned.parts, executions, strict=True):
+        if run.check.proof_out_of_time:
+            proved.append(run)
+            continue
         prove = partial(certified, part.task.robot, run.motion, run.check, part.task.limits)
         without = replace(run.check, proof_out_of_time=run.check.certificate is None)
-        share = 1 / (len(executions) - len(proved))
+        share = FOR_PROOFS / (len(executions) - len(proved))
         run = replace(run, check=budget.within(prove, without, share=share))
         if part.motion.timing is not None:
             how = part.task.robot, part.motion, part.task.limits, run, certified

@@ -158,7 +158,7 @@ def plan(
         raise InputError("sensitivities: not for cycles")
     if (alone := base_alone(task)) and stage:
         stage(f"{alone}: perhaps there is no plan ...")
-    budget, search = (TimeBudget(limit) for limit in _limits(seconds))
+    budget, search = (TimeBudget(limit) for limit in _limits(seconds, task))
     if controller == "quintic":
         if method in ALONG_PATH:
             raise InputError(
@@ -211,11 +211,16 @@ def plan(
         return replace(result, price=price, left_out=tuple(budget.left_out))
 
 
-def _limits(seconds: float | None) -> tuple[float | None, float | None]:
-    """Time limits, s, of the search with the checks, and of the search; files are written after both."""
+def _limits(seconds: float | None, task: Task) -> tuple[float | None, float | None]:
+    """Time limits, s, of the search with the checks, and of the search; files are written after both.
+
+    Checks and proofs of stops take longer.
+    """
     if seconds is None:
         return None, None
-    return seconds - min(5.0, 0.05 * seconds), max(0.7 * seconds, seconds - 120.0)
+    stoppable = any(segment.task.limits.stoppable for segment in task.segments)
+    share, most = (0.5, 240.0) if stoppable else (0.7, 120.0)
+    return seconds - min(5.0, 0.05 * seconds), max(share * seconds, seconds - most)
 
 
 def base_alone(task: Task) -> str:

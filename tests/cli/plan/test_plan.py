@@ -7,6 +7,7 @@ import json
 import os
 import re
 import sys
+import time
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache, partial
@@ -18,6 +19,7 @@ import pytest
 
 from ocptip.api import plan as planning
 from ocptip.api import tasks
+from ocptip.api.plan import _limits
 from ocptip.api.results.plan import Plan
 from ocptip.basics import errors
 from ocptip.basics.outputs import OUTPUTS
@@ -521,3 +523,74 @@ def test_a_plan_says_what_the_arm_holds(planner, capsys, tmp_path):
     data = json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
     assert data["payload"] == {"mass": 2.0, "center_of_mass": [0.0, 0.0, 0.1]}
     assert data["masses_kg"] == pytest.approx({"base": 3.45, "arm": 15.711, "payload": 2.0, "total": 21.161})
+
+
+@pytest.fixture
+def computed(monkeypatch):
+    """What a plan for stops computes, in its order; nothing of it takes time."""
+    order = []
+
+    def stands_for(name, result):
+        def compute(*_, **how):
+            order.append((name, how.get("decelerations", True)))
+            return result
+
+        return compute
+
+    monkeypatch.setattr("ocptip.api.results.plan.stops_by_segment", stands_for("stops", {}))
+    monkeypatch.setattr("ocptip.api.results.plan.robustness", stands_for("robustness", robustness_of_c()))
+    monkeypatch.setattr("ocptip.api.results.plan.cancels_by_segment", stands_for("cancels", {}))
+    return order
+
+
+def stoppable_stand_in():
+    """A plan that has to be stoppable along its path."""
+    planned = stand_in_plan("C")
+    limits = replace(planned.task.limits, stops=planned.task.stops.asked(planned.task.limits).stops)
+    return replace(planned, task=replace(planned.task, limits=limits))
+
+
+@pytest.mark.parametrize(("seconds", "optional"), [(60.0, "last"), (None, "first")])
+def test_in_limited_time_stops_and_proof_come_before_what_is_optional(
+    monkeypatch, computed, seconds, optional
+):
+    """Without a limit the proof is last, for an interrupt ends it; ranges of decelerations are optional."""
+
+    def prove(part, _):
+        computed.append(("proof", True))
+        return part
+
+    monkeypatch.setattr("ocptip.api.methods.certified", lambda robot, motion, check, limits: check)
+    monkeypatch.setattr("ocptip.api.results.plan.proved_part", prove)
+    plan = Plan.of(stoppable_stand_in(), budget=TimeBudget(seconds))
+    names = [name for name, _ in computed]
+    others, proof = ["robustness", "cancels"], ["proof"]
+    assert names == ["stops", *(proof + others if optional == "last" else others + proof)]
+    assert computed[0] == ("stops", seconds is None)
+    assert plan.left_out == ()
+
+
+def test_a_proof_that_runs_out_of_time_leaves_some_for_robustness_and_is_not_begun_again(
+    monkeypatch, computed
+):
+    def prove(*_):
+        time.sleep(60.0)
+
+    def again(*_):
+        raise AssertionError("another proof")
+
+    monkeypatch.setattr("ocptip.api.methods.certified", again)
+    monkeypatch.setattr("ocptip.api.results.plan.proved_part", prove)
+    monkeypatch.setattr("ocptip.motion.files.execution.execute", lambda *_, **__: None)
+    plan = Plan.of(stoppable_stand_in(), budget=TimeBudget(1.0))
+    assert plan.robustness
+    assert "robustness" not in plan.left_out
+    assert "a proof: the time was up before it was complete" in plan.unproved
+
+
+def test_plans_for_stops_keep_more_time_for_checks_and_proofs():
+    task = stand_in_plan("C").task
+    stoppable = stoppable_stand_in().task
+    assert _limits(200.0, task) == (195.0, pytest.approx(140.0))
+    assert _limits(200.0, stoppable) == (195.0, pytest.approx(100.0))
+    assert _limits(None, stoppable) == (None, None)

@@ -15,6 +15,7 @@ import numpy as np
 from ocptip.api.inputs.motion_requirements import motion_outcomes
 from ocptip.api.inputs.requirements import Outcome
 from ocptip.api.methods import (
+    FOR_PROOFS,
     Runner,
     better_smoothed,
     executed,
@@ -118,6 +119,7 @@ class Plan(CheckedMotion):
         how = {"time_scale": time_scale, "sensitivities": sensitivities, "say": say, "budget": budget}
         with calls_begun(executor, 1 if budget.given else jobs, len(planned.parts) + 1) as begin:
             alone = begin is partial  # nothing runs beside this: what is begun is done when it is asked for
+            first = alone and not budget.given  # in limited time proofs come before what is optional
             waiting = [] if smooth else _proofs_begun(planned, begin)
             say("checking what is run ...")
             run = partial(executed, **known, begin=begin)
@@ -135,15 +137,19 @@ class Plan(CheckedMotion):
                 planned: MotionPlan, executions: list[Execution]
             ) -> tuple[Plan, Callable[[Plan], Plan]]:
                 result, completed = cls._checked(planned, executions, begin, **how)
-                return (completed(result), lambda plan: plan) if alone else (result, completed)
+                return (completed(result), lambda plan: plan) if first else (result, completed)
 
             result, completed = checks(planned, executions)
             if figures and not alone:
                 new_figure(1.0, 1.0)  # loads Matplotlib while other processes prove
             say("proving what is run ...")  # alone last, for a proof may take all the time that is left
+            tried = list[MotionPlan | None]()
+            for wait in waiting:
+                share = FOR_PROOFS / (len(waiting) - len(tried))
+                tried.append(budget.within(wait, None, share=share))
             proofs = [
-                budget.within(wait, part, share=1 / (len(waiting) - k))
-                for k, (wait, part) in enumerate(zip(waiting, planned.parts, strict=False))
+                replace(part, check=replace(part.check, proof_out_of_time=True)) if proof is None else proof
+                for proof, part in zip(tried, planned.parts, strict=False)
             ]
             pairs = list(zip(proofs, planned.parts, strict=False))
             if any(one.energy != other.energy for one, other in pairs):  # proofs asked for another motion
@@ -155,7 +161,14 @@ class Plan(CheckedMotion):
                     proofs = planned.parts
                     del budget.left_out[before:]
             proved = [
-                replace(one, check=replace(one.check, certificate=part.check.certificate))
+                replace(
+                    one,
+                    check=replace(
+                        one.check,
+                        certificate=part.check.certificate,
+                        proof_out_of_time=part.check.proof_out_of_time,
+                    ),
+                )
                 if one.controller == "ramps" and one.check.certificate is None
                 else one
                 for one, part in zip(result.executions, proofs or planned.parts, strict=True)
@@ -195,7 +208,8 @@ class Plan(CheckedMotion):
         say("checking stops and cancels ...")
         stops = dict[str, Stops]()
         if any(segment.task.limits.stoppable for segment in task.segments):
-            stops = budget.within(partial(stops_by_segment, task, motion, checked), stops, STOPS)
+            by_segment = partial(stops_by_segment, task, motion, checked, decelerations=not budget.given)
+            stops = budget.within(by_segment, stops, STOPS, share=0.5)
 
         def completed(plan: Plan) -> Plan:
             say("finding which deviations lose no contact ...")

@@ -78,7 +78,7 @@ class Execution:
         controller: Controller = "quintic" if motion.rise_times and all(motion.rise_times) else "cubic"
         slowest = SLOWEST if check.verified else 1.0
         compute = begin(partial(execute, slowest=slowest), robot, motion, limits, controller)
-        share = 0.5 if limits.stoppable else 1.0  # the checks of stops follow
+        share = 0.25 if limits.stoppable else 1.0  # checks and proofs of stops follow
         unchecked = "check of the points in trajectory.json"
         written = (budget or TimeBudget(None)).within(compute, None, unchecked, share)
         points = (

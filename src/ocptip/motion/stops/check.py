@@ -125,6 +125,7 @@ def check_stops(
     rules: StopRules,
     checked: MotionCheck,
     kinds: Kinds = "both",
+    decelerations: bool = True,
 ) -> Stops:
     """Check stops of a motion.
 
@@ -134,6 +135,7 @@ def check_stops(
         rules: how it is stopped.
         checked: the motion's check under these limits, which includes the stops that they ask for.
         kinds: which scenarios; by brakes and cancels of arms only.
+        decelerations: also determine which are safe in cancels; takes most of the time.
 
     Raises:
         InputError: brake torques or decelerations are missing or too many, or nothing bounds stops along
@@ -144,7 +146,7 @@ def check_stops(
     if asked == ("cancel",) and robot.arm is None:
         raise InputError("stops: cancels are not computed for parallel robots")
     tables: dict[str, PathTable | JointTable] = {}
-    curve = decelerations = None
+    curve = safe_range = None
     if "path" in asked:
         tables["path"] = path = PathTable(robot, motion, limits, times, checked)
         curve = path.curve
@@ -158,9 +160,10 @@ def check_stops(
         if "cancel" in asked:
             cancel = limits.cancel or rules.cancel(robot, limits)
             tables["cancel"] = CancelTable(robot, motion, limits, cancel, times)
-            full = rules.cancel(robot, limits, 1.0)
-            how = {"of_limits": rules.of_limits, "most": rules.share}
-            decelerations = safe_decelerations(robot, motion, limits, full, **how)
+            if decelerations:
+                full = rules.cancel(robot, limits, 1.0)
+                how = {"of_limits": rules.of_limits, "most": rules.share}
+                safe_range = safe_decelerations(robot, motion, limits, full, **how)
     assumed = rules.guessed and limits.brakes is None  # then what breaks a limit may not in truth
     broken = {kind: table.violations() for kind, table in tables.items()}
     unknown = [statement(lacking)] if lacking else broken.pop("brakes", []) if assumed else []
@@ -176,13 +179,17 @@ def check_stops(
         durations={kind: table.durations for kind, table in tables.items()},
         curve=curve,
         assumed=_assumed(robot, rules, asked, lacking, 0.0 if limits.stops is None else limits.stops.time),
-        decelerations=decelerations,
+        decelerations=safe_range,
         unknown=tuple(unknown),
     )
 
 
 def stops_of(
-    task: MotionTask, motion: Trajectory, checked: MotionCheck, kinds: Kinds | None = None
+    task: MotionTask,
+    motion: Trajectory,
+    checked: MotionCheck,
+    kinds: Kinds | None = None,
+    decelerations: bool = True,
 ) -> Stops | None:
     """Stops of the kinds asked for, or else of those that the task's limits ask for; else None."""
     limits = task.limits
@@ -193,16 +200,20 @@ def stops_of(
         kinds = kinds_of(name for name, item in given.items() if item is not None)
     if limits.stops is None and "path" in SCENARIOS[kinds]:
         limits = task.stops.asked(limits)
-    return check_stops(task.robot, motion, limits, task.stops, checked, kinds)
+    return check_stops(task.robot, motion, limits, task.stops, checked, kinds, decelerations)
 
 
 def stops_by_segment(
-    task: Task, motion: Trajectory, checked: CycleCheck, kinds: Kinds | None = None
+    task: Task,
+    motion: Trajectory,
+    checked: CycleCheck,
+    kinds: Kinds | None = None,
+    decelerations: bool = True,
 ) -> dict[str, Stops]:
     """The checked stops by the names of segments, in their times; the name of a motion is empty."""
     rows = zip(task.segments, motion.segments, checked.segments, strict=True)
     table = {
-        segment.name: stops_of(segment.task, segment_motion, check, kinds)
+        segment.name: stops_of(segment.task, segment_motion, check, kinds, decelerations)
         for segment, segment_motion, check in rows
     }
     return {name: stops for name, stops in table.items() if stops}
