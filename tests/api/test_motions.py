@@ -9,12 +9,17 @@ import pytest
 
 import ocptip
 from ocptip.basics.errors import PlanningError
+from ocptip.basics.outputs import SUMS
 from ocptip.basics.read import read_json
 from ocptip.basics.write import plain
 from ocptip.cli.main import main
+from ocptip.motion.files.output import PLAN
+from ocptip.motion.files.source import TASK
 from ocptip.standing.tolerance import NONE, WORKSHOP
 from ocptip.trajectories.read import load_motion
 from tests.places import EXAMPLES
+
+CART = EXAMPLES / "tasks/ur5_cart.toml"
 
 TIMES = ("seconds", "cpu_seconds")
 OF_THE_COMMAND = ("digest", "warnings", "written")
@@ -151,6 +156,10 @@ def test_a_cycle_is_a_task_as_well():
     ("call", "message"),
     [
         (lambda: ocptip.load_task("K"), "K: neither a case"),
+        (
+            lambda: ocptip.check(CART),
+            f"{CART}: is a task or a path, no motion; 'ocptip stand {CART} --posture start' checks a task",
+        ),
         (lambda: ocptip.load_task("x.toml", base="printed"), "base: belongs to the cases A to H, got x.toml"),
         (lambda: ocptip.load_task("A", duration=1, max_duration=2), "duration: give either"),
         (lambda: ocptip.plan("A", rate=0), "rate: must be > 0"),
@@ -164,6 +173,14 @@ def test_bad_arguments_are_named(call, message):
     with pytest.raises(ocptip.InputError) as caught:
         call()
     assert str(caught.value).startswith(message)
+
+
+def test_the_folder_of_a_plan_is_no_task(tmp_path):
+    for name in (PLAN, SUMS, TASK):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    with pytest.raises(ocptip.InputError, match=r"is the folder of a plan; 'ocptip check .*' checks"):
+        ocptip.load_task(tmp_path)
 
 
 def test_where_there_is_no_plan_the_error_says_why(task, monkeypatch, tmp_path, capsys):

@@ -1,11 +1,12 @@
 """Which rise times the planner chooses within a tolerance that counts jumps, and when none."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from ocptip.motion.check import check_motion
-from ocptip.motion.multi_start import LONGEST, SHORTEST, others, with_rise_time
+from ocptip.motion.multi_start import LONGEST, SHORTEST, MultiStart, others, with_rise_time
 from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.stops.along_path import PathStops
@@ -56,6 +57,18 @@ def test_a_motion_that_must_not_last_longer_stays_ramps():
 def test_rise_times_next_to_one(rise, expected):
     found = [max(task.rise_times, default=0) for task in others(within("B", rise_times=rise))]
     assert found == pytest.approx(expected)
+
+
+def test_changes_of_rise_times_are_steps_of_the_search():
+    """Two that come to nothing: the bar goes on from the last start, and ends with the last change."""
+    task = within("B", rise_times=LONGEST)
+    told = list[tuple[int, int]]()
+    search = MultiStart(replace(task, rise_times=None), range(1), 0, lambda *step: told.append(step[:2]))
+    motion = SimpleNamespace(rise_times=task.rise_times)
+    attempt = SimpleNamespace(motion=motion, cost=lambda objective: 1.0, after=lambda *tried: attempt)
+    nothing = SimpleNamespace(begin=lambda *job: SimpleNamespace(result=lambda: None))
+    search._change_rise_time(nothing, SimpleNamespace(task=task, attempt=attempt))
+    assert told == [(0, 2), (0, 4), (1, 4), (2, 4)]
 
 
 @pytest.mark.slow

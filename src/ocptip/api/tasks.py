@@ -18,6 +18,7 @@ from ocptip.robots.kinematics import TCP
 from ocptip.standing.arm import Robot
 from ocptip.standing.tolerance import DEFAULT, Uncertainty
 from ocptip.task_files.cycle import read_task
+from ocptip.task_files.plan_folder import is_plan_folder
 from ocptip.task_files.tables.tolerance import load_tolerance
 
 Base = Literal["printed", "effective"]
@@ -95,6 +96,10 @@ def _read(source: TaskLike, base: Base | None) -> Task:
     if source in case_names():
         task = experiment_task(str(source), base or "effective")
         return replace(task, limits=replace(task.limits, tolerance=DEFAULT))
+    if is_plan_folder(source):
+        raise InputError(
+            f"is the folder of a plan; 'ocptip check {source}' checks its motion", "", str(source)
+        )
     if Path(source).suffix.lower() != ".toml":
         raise InputError(f"{source}: neither a case (A to H) nor a task file (.toml)")
     if base is not None:

@@ -62,7 +62,7 @@ class Report(ABC):
 
     @property
     def unmet(self) -> list[str]:
-        """Lines that follow the verdict with --quiet: the requirements that are not met."""
+        """Lines that follow the verdict with --quiet: the requirements that are not met, or that all are."""
         return []
 
     @abstractmethod

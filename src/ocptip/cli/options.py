@@ -205,8 +205,9 @@ class GatedReport(Report):
 
     @property
     def unmet(self) -> list[str]:
-        """Requirements that are not met."""
-        return [f"{one}" for one in self.outcomes if not one.met]
+        """Requirements that are not met, or that all are."""
+        unmet = [f"{one}" for one in self.outcomes if not one.met]
+        return unmet or ["all requirements met"] * bool(self.outcomes)
 
     def gate_to_dict(self) -> dict[str, Any]:
         """The entry of the requirements for JSON."""

@@ -124,7 +124,7 @@ class MultiStart:
         task: what is to be planned.
         numbers, seed: of the starts; they decide the random motions.
         progress: called as progress(done, steps, minimum cost so far or None). A start is two steps: until
-            its promise is known, and until it has ended. A change is one.
+            its promise is known, and until it has ended. A change is one; changes of rise times add steps.
         known: cost of a verified motion that is there before the search; infinite: there is none.
     """
 
@@ -139,6 +139,7 @@ class MultiStart:
         self._task, self._numbers, self._seed = task, numbers, seed
         self._hops = 0 if task.limits.tolerance.given else len(numbers) // 2
         self._hops_begun, self._hopping = 0, deque[tuple[Start, Job[Attempt]]]()
+        self._changes = 0  # of rise times, begun
         self._progress, self._done, self._known = progress, -1, known
         self.starts: list[Start] = []
         self._step()
@@ -235,7 +236,13 @@ class MultiStart:
         while candidates := [task for task in others(best.task) if task.rise_times not in tried]:
             tried |= {task.rise_times for task in candidates}
             begun = [jobs.begin(Search.changed, task, best.attempt) for task in candidates]
-            best.attempt = self._better(best, *(attempt for job in begun if (attempt := job.result())))
+            self._changes += len(begun)
+            self._tell()
+            attempts = list[Attempt]()
+            for job in begun:
+                attempts += [attempt] if (attempt := job.result()) else []
+                self._step()
+            best.attempt = self._better(best, *attempts)
             assert best.attempt.motion is not None
             rises = best.attempt.motion.rise_times
             if rises not in (task.rise_times for task in candidates):
@@ -245,14 +252,17 @@ class MultiStart:
     def _better(self, start: Start, *tried: Attempt) -> Attempt:
         """The cheapest of what a start has come to and what was tried from there, with what all that took."""
         assert start.attempt is not None
-        cheapest = min(start.attempt, *tried, key=lambda one: one.cost(self._task.objective))
+        cheapest = min((start.attempt, *tried), key=lambda one: one.cost(self._task.objective))
         return cheapest.after(start.attempt, *tried)
 
     def _step(self) -> None:
         """Tell that one more step is done."""
         self._done += 1
+        self._tell()
+
+    def _tell(self) -> None:
         if self._progress:
-            steps = 2 * len(self._numbers) + self._hops
+            steps = 2 * len(self._numbers) + self._hops + self._changes
             cost = min(self._known, self.best.rank[0] if self.best else math.inf)
             self._progress(self._done, steps, cost if cost < math.inf else None)
 

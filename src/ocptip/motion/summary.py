@@ -243,7 +243,7 @@ def value_text(row: MotionMargin, instant: Margin | None) -> str:
 def _limit(row: MotionMargin, within: bool) -> str:
     """The limit, in the unit of the values; both where those of nominal and worst case differ."""
     if row.limit is None:
-        return "-"
+        return "equal compliance" if row.name == FOOT_FORCE else "-"
     if row.name in _ALWAYS:
         return "> 0"
     scale = 1.0 if row.name in _UNITS else 1e3 if row.name in _LENGTHS else 100.0

@@ -378,4 +378,4 @@ def objects_note(objects: Sequence[Object]) -> tuple[str, ...]:
     if not objects:
         return ()
     names = ", ".join(one.name for one in objects)
-    return (f"objects ({names}): rigid; their collisions are not checked, [[payload.shape]] adds solids",)
+    return (f"objects ({names}): rigid; their collisions are not checked, [payload.shape] adds a solid",)

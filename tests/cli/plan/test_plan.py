@@ -150,6 +150,8 @@ def test_requirements_decide_the_exit_code_and_quiet_shows_what_is_not_met(plann
     assert (code, head) == (1, "C   PROVED for the nominal model only (no uncertainty)")
     assert unmet.startswith("tipping margin >= 900 N m: ")
     assert unmet.endswith("NOT MET")
+    code, out, _ = run(capsys, "C", "--no-figures", "--require", "duration <= 9 s", "-q")
+    assert (code, out.splitlines()) == (0, [head, "all requirements met"])
     suite = ElementTree.parse(report).getroot()
     assert (suite.get("tests"), suite.get("failures")) == ("3", "1")
     code, out, _ = run(capsys, *asked)

@@ -32,6 +32,10 @@ from ocptip.trajectories.read import load_motion, motion_origin
 from ocptip.trajectories.trajectory import Trajectory
 
 _DRIVE = "drive.csv"  # of a profile that is no part of the task
+NO_MOTION = (
+    "is a task or a path, no motion; 'ocptip stand {0} --posture start' checks a task at rest, "
+    "'ocptip retime {0}' times a path"
+)
 
 ProfileLike = DriveProfile | str | os.PathLike[str]
 """How a base drives: what `load_drive_profile` gives or takes."""
@@ -157,7 +161,7 @@ def given_motion(
             raise InputError("task: missing; a motion that is no file does not say which robot it is of")
         return "motion", load_task(task, base=base), motion
     if Path(motion).suffix == ".toml":
-        raise InputError("is a task or a path, no motion", "", str(motion))
+        raise InputError(NO_MOTION.format(motion), "", str(motion))
     task, path = task_of_motion(motion, task, base)
     if rate is None and path.name == TRAJECTORY and is_plan_folder(path.parent):
         rate = planned_rate(path.parent)

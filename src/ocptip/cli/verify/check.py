@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.api.check import SAME, Check, check
-from ocptip.api.inputs.given import task_of_motion
+from ocptip.api.inputs.given import NO_MOTION, task_of_motion
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import quantity, ratio, table, wrapped
@@ -51,7 +51,7 @@ _NOISY = "the calmest motion within the noise of the samples"
 def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
     if Path(options.motion).suffix == ".toml":
-        raise InputError("is a task or a path, no motion", "", options.motion)
+        raise InputError(NO_MOTION.format(options.motion), "", options.motion)
     read_gate(options)
     refuse_early(options.motion, read_columns(options.columns))
     if options.bag:
