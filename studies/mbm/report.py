@@ -36,7 +36,7 @@ def main(arguments: Sequence[str]) -> None:
     for name in files:
         rows = rows_of(Path(name))
         print(f"\n## {Path(name).stem}\n")
-        print("| family | problems | path | proved | checked | CPU s (median, most) | of the search "
+        print("| family | problems | path | proved | checked | CPU s (median, 95 %, most) | of the search "
               "| duration / toppra | mesh contacts |")  # fmt: skip
         print("|---|---|---|---|---|---|---|---|---|")
         for family in FAMILIES:
@@ -63,7 +63,9 @@ def _row(family: str, rows: Sequence[dict[str, Any]]) -> str:
 
 
 def _spread(values: Sequence[float]) -> str:
-    return f"{np.median(values):.1f}, {np.max(values):.1f}" if values else "-"
+    if not values:
+        return "-"
+    return ", ".join(f"{number:.1f}" for number in (*np.percentile(values, (50, 95)), np.max(values)))
 
 
 if __name__ == "__main__":
