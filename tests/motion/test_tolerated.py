@@ -312,3 +312,11 @@ def test_the_short_lines_say_what_they_leave_out_and_where_the_search_ends():
     lost = robustness_lines([dataclasses.replace(rows[0], value=0.0, how="tips about contacts 1 and 4 " * 3)])
     assert lost[0].startswith("Robust to nothing: ")
     assert max(map(len, lost)) <= 80
+
+
+def test_what_is_lost_at_once_is_named():
+    late = Tolerated("delay", 0.0, "ms", False, 0.5864, "delayed: joint1, joint3, slips")
+    assert late.short == "delay 0 ms (slips at once, 0.586 s)"
+    heavy = Tolerated("extra_mass", 0.0, "kg", False, 0.1, "contact 3 lifts on its springs", drives=2.0)
+    assert heavy.short == "payload +0 kg (contact 3 lifts on its springs at once, 0.100 s)"
+    assert Tolerated("delay", 0.0, "ms", True, np.nan, "").short == "delay >= 0 ms"

@@ -4,6 +4,7 @@ import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -20,7 +21,7 @@ from ocptip.task_files.example import example_base
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.reference import json_schema
 from ocptip.task_files.task_scene import ROBOT_BASE
-from ocptip.task_files.template import MARK, task_template
+from ocptip.task_files.template import MARK, _payload, task_template
 from tests.quick import some
 
 LINK = """<link name="{0}"><inertial><origin xyz="{2}"/><mass value="{1}"/>
@@ -400,3 +401,25 @@ def test_without_pairs_that_can_collide_no_distance_is_told(tmp_path):
     urdf = written(tmp_path, link("base", solid=box("0.1 0.1 0.1")), *arm)
     template = task_template(urdf, tmp_path)
     assert template.example.startswith("start and goal are an example; no two solids can collide")
+
+
+@pytest.mark.parametrize(
+    ("tool", "rotation", "centre", "size"),
+    [
+        ([0.05, 0.0, 0.0], np.eye(3), "[0.1, 0.0, 0.0]", "[0.2, 0.1, 0.1]"),
+        ([0.0, -0.1, 0.02], np.eye(3), "[0.0, -0.1, 0.0]", "[0.1, 0.2, 0.1]"),
+        (
+            [0.05, 0.0, 0.0],
+            np.eye(3)[[2, 1, 0]],
+            "[0.0, 0.0, 0.1]",
+            "[0.1, 0.1, 0.2]",
+        ),
+        ([0.0, 0.0, 0.0], np.eye(3), "[0.0, 0.0, 0.1]", "[0.1, 0.1, 0.2]"),
+    ],
+)
+def test_the_payload_of_the_example_is_in_front_of_the_tool(tool, rotation, centre, size):
+    """As seen from the last joint, in tool axes; along z where the tool frame is in that joint."""
+    lines = list(_payload(SimpleNamespace(tool_rotation=rotation, offsets=np.array([tool]))))
+    assert any(line.startswith(f"# center_of_mass = {centre}") for line in lines)
+    assert any(line.startswith(f"# position = {centre}") for line in lines)
+    assert f"# size = {size}  # m" in lines

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import isfinite
+from pathlib import Path
 from types import EllipsisType
 from typing import Any
 
@@ -49,10 +50,12 @@ class InputWarning(UserWarning):
 
 @contextmanager
 def naming(place: str) -> Iterator[None]:
-    """Put a place, such as "joint 3", in front of every InputError of the block."""
+    """Put a place, such as "joint 3", in front of every InputError of the block, but no file twice."""
     try:
         yield
     except InputError as error:
+        if error.file and Path(error.file).name == Path(place).name:
+            raise
         raise InputError(f"{place}: {error}") from None
 
 

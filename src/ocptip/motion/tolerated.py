@@ -97,12 +97,14 @@ class Tolerated:
 
     @property
     def short(self) -> str:
-        """In a few words: "tilt 3.84 deg", "delay >= 100 ms"."""
+        """In a few words: "tilt 3.84 deg", "delay >= 100 ms", "delay 0 ms (slips at once, 0.500 s)"."""
         name, sign, value = _SHORT[self.quantity], ">= " if self.at_most else "", self.value
         if self.quantity == "friction":
             return "any friction" if self.at_most else f"friction {100 * (value - 1):.3g} %"
         if self.quantity != "foot_stiffness":
             text = f"{name} {sign}{value:.3g} {self.unit}".replace("+ ", "+").replace("+>= ", ">= +")
+            if value == 0 and not self.at_most:
+                return f"{text} ({self.how.rpartition(', ')[2]} at once, {self.time:.3f} s)"
             return text if self.drives is None else f"{text} (drives +{self.drives:.3g} {self.unit})"
         if np.isfinite(value):
             return f"{name} from {_stiffness_text(min(value, STIFFEST))}"

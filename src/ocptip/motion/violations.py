@@ -37,7 +37,7 @@ RESULT_TITLES = {
     "clearance_m": "clearance",
     f"{CLEARANCE_WITHIN}_m": "clearance, worst case",
     "foot_force_N": "force on a compliant foot",
-    "jump_foot_force_N": "the same at acceleration steps",
+    "jump_foot_force_N": "force on a compliant foot at acceleration steps",
     "foot_lift_m": "lift of a compliant foot",
     "GN_gears": "GN, elastic joints",
     "GT_gears": "GT, elastic joints",

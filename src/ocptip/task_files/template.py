@@ -32,6 +32,7 @@ SCHEMA = "task.schema.json"
 """File beside a task, from which editors know the keys."""
 _OF_URDF = ARM.known_variants["urdf"].keys
 _WIDTH = 44  # columns before a comment
+_AHEAD = 1e-3  # m: nearer to the last joint a tool frame says no direction
 _INVENTED = f"invented while {MARK} stands here"  # true when users have put their own value there, too
 
 
@@ -118,7 +119,7 @@ def task_template(
         *_geometry(missing, broken, [_relative(one, folder) for one in package_dirs]),
     )
     of_base = (_base(foot), *map(_contact, _rolling(foot)))
-    sections = (*of_base, of_arm, _limits(arm), _payload(), _motion(arm, example), _near(example))
+    sections = (*of_base, of_arm, _limits(arm), _payload(arm), _motion(arm, example), _near(example))
     body = "\n\n".join(filter(None, ("\n".join(lines) for lines in sections))) + "\n"
     head = [
         f"#:schema ./{SCHEMA}",
@@ -292,15 +293,21 @@ def _inertia(doubtful: Mapping[str, str]) -> Iterator[str]:
         yield _line(_OF_URDF, "accept_inertia", _texts(doubtful), f"if that is meant: {reasons}", mark=True)
 
 
-def _payload() -> Iterator[str]:
-    """What the gripper holds, as a comment: no URDF says it."""
+def _payload(arm: ArmModel) -> Iterator[str]:
+    """What the gripper holds, as a comment, for no URDF says it: in front of the tool, as seen from the last
+    joint.
+    """
+    towards = arm.tool_rotation.T @ arm.offsets[-1]
+    ahead = int(np.argmax(np.abs(towards))) if np.linalg.norm(towards) > _AHEAD else 2
+    centre, size = np.zeros(3), np.full(3, 0.1)
+    centre[ahead], size[ahead] = -0.1 if towards[ahead] < 0 else 0.1, 0.2
     yield "# [payload]  # what the gripper holds; without this table nothing"
     yield "# mass = 2.0  # kg"
-    yield "# center_of_mass = [0.0, 0.0, 0.1]  # m: from the origin of tool_frame, its axes"
+    yield f"# center_of_mass = {centre.tolist()}  # m: from the origin of tool_frame, its axes"
     yield "# [payload.shape]  # its solid; without one collisions of the payload are not checked"
     yield '# kind = "box"'
-    yield "# size = [0.1, 0.1, 0.2]  # m"
-    yield "# position = [0.0, 0.0, 0.1]  # m: of its centre, likewise"
+    yield f"# size = {size.tolist()}  # m"
+    yield f"# position = {centre.tolist()}  # m: of its centre, likewise"
 
 
 def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:

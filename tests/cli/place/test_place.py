@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from ocptip.cli.main import main
-from ocptip.cli.place.place import progress_bar
+from ocptip.cli.place.place import near_base, progress_bar
+from ocptip.placement.result import PlacementMargin
 from tests.pictures.placed_example import TASK, found, refused
 
 
@@ -180,3 +181,19 @@ def test_progress_on_a_terminal_only():
     assert "[######..................] 1/4 starts, minimum total 0.2500" in shown[3]
     assert "no placement yet" in shown[2]
     assert shown[-1] == "\x1b[K"
+
+
+@pytest.mark.parametrize(
+    ("gap", "base_clearance", "warned"), [(5.58e-5, 0.0, True), (0.02, 0.0, False), (0.006, 0.005, False)]
+)
+def test_a_base_that_almost_touches_something_is_named(gap, base_clearance, warned):
+    """Where no clearance of the base is given, that of the arm is the measure."""
+    rows = [
+        PlacementMargin("clearance", "base and table", gap, base_clearance, False, "m", 0.1, 0),
+        PlacementMargin("clearance", "link 4 and link 6", 0.008, 0.01, False, "m", 0.1, 0),
+        PlacementMargin("base clearance", "contact 2 and table", 0.025, base_clearance, False, "m", 0.1, -1),
+    ]
+    limits = SimpleNamespace(base_clearance=base_clearance, clearance=0.01)
+    lines = near_base(SimpleNamespace(margins=rows, problem=SimpleNamespace(limits=limits)))
+    text = "base and table are only 0.056 mm apart: base_clearance in [limits] is 0, that of the arm 10 mm"
+    assert lines == ([("clearance", text)] if warned else [])

@@ -22,7 +22,8 @@ from ocptip.cli.many import Asked, answer_many
 from ocptip.cli.options import given_tolerance, output_directory, require_least
 from ocptip.cli.terminal import Progress
 from ocptip.motion.check import scope_of
-from ocptip.placement.limits.arm import JointAngles
+from ocptip.placement.limits.arm import Clearance, JointAngles
+from ocptip.placement.limits.base import BaseClearance
 from ocptip.placement.result import NoPlacementError, Placement, PlacementMargin, PlacementResult
 from ocptip.reserves.tipping import moment_at
 from ocptip.standing.tolerance import DEFAULT
@@ -125,11 +126,25 @@ def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
     limited = any(margin.kind == JointAngles.kind for margin in best.active)
     if limited and not result.problem.limits.angle_margin:
         lines.append(("", "angle_margin_deg in [limits] keeps turning joints away from their limits"))
+    lines += near_base(best)
     for number, other in enumerate(result.places[1:], 2):
         lines.append((f"no. {number}", _alternative(other)))
     tried = f"{kept} of {len(result.starts)} starts kept all constraints"
     lines.append(("search", f"{tried}, {result.seconds:.1f} s, seed {result.seed}"))
     return f"PLACED, all constraints verified{scope_of(best.problem.collision)}", lines
+
+
+def near_base(placement: Placement) -> list[tuple[str, str]]:
+    """A base that comes nearer to something than the arm may, where no limit of the base is given."""
+    limits = placement.problem.limits
+    gaps = [m for m in placement.margins if m.kind in (Clearance.kind, BaseClearance.kind)]
+    near = [m for m in gaps if not limits.base_clearance and m.limit == 0 and m.value < limits.clearance]
+    if not near:
+        return []
+    nearest = min(near, key=lambda margin: margin.value)
+    gap, asked = (quantity(1e3 * value, "mm", 2).strip() for value in (nearest.value, limits.clearance))
+    text = f"{nearest.name} are only {gap} apart: base_clearance in [limits] is 0, that of the arm {asked}"
+    return [("clearance", text)]
 
 
 def refusal_lines(error: NoPlacementError) -> tuple[str, list[tuple[str, str]]]:
