@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs no
     from ocptip.standing.mechanism import StandingMechanism
 
 
+_NARROWEST = 20  # characters of a column that is broken
 _PRICES = {
     "energy": ("energy_more", "energy"),
     "time": ("duration_more", "duration"),
@@ -196,3 +197,13 @@ def files_lines(written: Sequence[Path], following: str = "") -> list[str]:
     lines = ["", f"Files   {folder}{os.sep}: {', '.join(names[:_NAMED])}{others}"]
     lines += [f"        {path}" for path in written if path not in inside]
     return lines + ([f"Next    {following.format(folder)}"] if following else [])
+
+
+def narrowed(rows: Sequence[Sequence[str]], column: int) -> list[list[str]]:
+    """Rows of a table that fits on 80 columns: texts of one column go on in rows below."""
+    others = (max(len(row[k]) for row in rows) + 2 for k in range(len(rows[0])) if k != column)
+    width, result = max(WIDTH - sum(others), _NARROWEST), list[list[str]]()
+    for row in rows:
+        for number, text in enumerate(textwrap.wrap(row[column], width) or [""]):
+            result.append([text if k == column else cell * (not number) for k, cell in enumerate(row)])
+    return result

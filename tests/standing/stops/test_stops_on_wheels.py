@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ocptip.cli.motion_summary import cancel_lines
 from ocptip.motion.check import check_motion
 from ocptip.motion.stops.cancels import safe_decelerations
 from ocptip.motion.stops.check import _contact_text, check_stops
@@ -65,6 +66,7 @@ def test_where_only_the_best_sharing_holds_no_deceleration_is_recommended(slider
     assert found.best_sharing == pytest.approx((0.05, 0.1), abs=0.051)
     assert found.alike == pytest.approx(1.05, rel=1e-2)
     assert (found.yaml, found.to_dict()["maximum_safe_share"]) == ("", None)
+    assert max(map(len, cancel_lines(found, yaml=True))) <= 80
     assert (
         "% only the best sharing of the load holds: equally compliant feet use at least 105 %" in found.text
     )

@@ -17,7 +17,7 @@ from ocptip.api.inputs.given import NO_MOTION, task_of_motion
 from ocptip.api.tasks import load_task
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import quantity, ratio, table, wrapped
-from ocptip.cli.layout import check_rows, gear_rows, masses
+from ocptip.cli.layout import check_rows, gear_rows, masses, narrowed
 from ocptip.cli.motion_summary import motion_text, required_lines, rise_rows
 from ocptip.cli.options import (
     GatedReport,
@@ -126,7 +126,7 @@ class CheckReport(GatedReport):
                 details += gear_rows(result.checked)
             else:
                 details.append(("masses", masses(result.task.robot)))
-            tables = [table(worst_rows(checked), left=(0, 4, 5))]
+            tables = [table(narrowed(worst_rows(checked), 4), left=(0, 4, 5))]
             tables += [_scale_table(result.time_scale)] if result.time_scale else []
         if result.design:
             tables.append(wrapped("Design", result.design.lines(result.task.robot.support)))
