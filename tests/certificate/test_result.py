@@ -33,7 +33,10 @@ def test_the_largest_lack_is_named_with_place_amount_and_remedy():
 @pytest.mark.parametrize(
     ("worst", "words"),
     [
-        ({"GT_worst_case": 0.95}, "; planning with GT_worst_case = 0.92 in [limits] may help, a smaller"),
+        (
+            {"GT_worst_case": 0.95},
+            "; planning with GT_worst_case = 0.92 in [limits] may help; check that plan",
+        ),
         (
             {"GT_worst_case": 0.48},
             "coarse, samples have 48 % of the friction: planning with GT_worst_case = 0.45",

@@ -22,6 +22,9 @@ from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import Limits
 from ocptip.standing.objects import GRIPPER, CarriedObject
 
+_NEAR = 0.8  # share of a limit, of sampled values, from which on no close bound is searched
+_CLOSE = 0.1  # share of intervals short of a close bound at first, from which on it is not searched
+
 
 @dataclass(eq=False)
 class ObjectClaims:
@@ -63,15 +66,16 @@ def object_claims(
                 for claim, name in zip(CLAIMS_WITHIN, names, strict=True)
             }
             held = footing.weakest(limits.tolerance) if within else footing
-            result = SearchWithin(held, model, motion, world, goals, knots, data).claims()
-            if (
-                result is not None and result.short
-            ):  # a bound may be coarse where the limit leaves room for it
-                most = [limit_within(limits, name) for name in names]
-                loose = {
-                    claim: max(goals[claim], one) for claim, one in zip(CLAIMS_WITHIN, most, strict=True)
-                }
-                result = SearchWithin(held, model, motion, world, loose, knots, data).claims()
+            loose = {
+                claim: max(goals[claim], limit_within(limits, name))
+                for claim, name in zip(CLAIMS_WITHIN, names, strict=True)
+            }
+            near = any(worst[name].value > _NEAR * limit_within(limits, name) for name in names)
+            # A bound may be coarse where the limit leaves room for it; near the limit a close one takes long.
+            for tried, most_short in ((loose, 1.0),) if near else ((goals, _CLOSE), (loose, 1.0)):
+                result = SearchWithin(held, model, motion, world, tried, knots, data).claims(most_short)
+                if result is not None and not result.short:
+                    break
             if result is None or result.short:
                 short = [] if result is None else result.short
                 if not within:

@@ -25,8 +25,9 @@ from ocptip.standing.limits import SLIP_WITHIN, TIP_WITHIN
 HIGHEST = 1 - 1e-6  # reserves of 1 are lost
 _LONGEST, _SHORTEST = 0.01, 2e-4  # s, of intervals
 _DENSE = 2  # switching times per longest interval, from which intervals do not end at them
-_MOST_COMBINATIONS = (81, 1000, 1000, 1000, 0)  # combinations of branches in round after round
+_MOST_COMBINATIONS = (81, 1000, 1000, 1000, 1000, 0)  # combinations of branches in round after round
 _MOST, _TOO_MANY = 6000, 20_000  # rows of combinations: for more intervals; at all
+_LAST = 8000  # rows of the intervals that lack a proof: so few are gone on with, however many there were
 LOSS_WITHIN = 5e-3
 """Relative, how far claims are from the sampled worst values: nearer ones take several times as long."""
 _LOSS = 2e-4  # relative, how far those of GT are from what is proved where that is not enough
@@ -132,7 +133,8 @@ class SearchWithin:
             if np.mean(short) > most_short:
                 return False
             before, missing = missing, max(_FEW, np.count_nonzero(short))
-            useful = total < _MOST and missing <= _IN_VAIN * before and most > 0
+            left = sum(np.count_nonzero(short[rows.interval]) for rows in groups)
+            useful = (total < _MOST or left < _LAST) and missing <= _IN_VAIN * before and most > 0
             more = (
                 useful & (short | beyond & (most == _MOST_COMBINATIONS[0])) & np.any(further & ~apart, axis=1)
             )

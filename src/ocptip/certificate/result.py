@@ -108,7 +108,8 @@ class Undecided:
             # So much more has to be left than now: of the friction, or of the moment M0 (1 / GN - 1).
             wanted = value - self.short if claim == "contacts" else 1 / (1 / value + self.short)
             number = max(np.floor(100 * wanted) / 100, 0.01)
-            helps = f"planning with {planned.format(f'{number:g}')} may help"
+            of_file = "; check that plan against this task then" * bool(within)
+            helps = f"planning with {planned.format(f'{number:g}')} may help{of_file}"
             if value < _FAR:
                 of = f"{100 * value:.0f} % of the friction" if claim == "contacts" else f"GN {value:.2f}"
                 helps = f"the bound is coarse, samples have {of}: {helps}"
