@@ -13,7 +13,7 @@ import numpy as np
 
 from ocptip.certificate.claimed import goal_within, limit_within
 from ocptip.certificate.describe import contacts_data
-from ocptip.certificate.find_within import SearchWithin
+from ocptip.certificate.find_within import SearchedClaims, SearchWithin
 from ocptip.certificate.trusted.checker import CLAIMS_WITHIN, claims_of
 from ocptip.certificate.trusted.plain import NOTHING
 from ocptip.reserves.force_sets import ForceSets
@@ -22,7 +22,7 @@ from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import Limits
 from ocptip.standing.objects import GRIPPER, CarriedObject
 
-_NEAR = 0.8  # share of a limit, of sampled values, from which on no close bound is searched
+_NEAR = 0.9  # share of a limit, of sampled values, from which on no close bound is searched
 _CLOSE = 0.1  # share of intervals short of a close bound at first, from which on it is not searched
 
 
@@ -70,6 +70,7 @@ def object_claims(
                 claim: max(goals[claim], limit_within(limits, name))
                 for claim, name in zip(CLAIMS_WITHIN, names, strict=True)
             }
+            result: SearchedClaims | None = None
             near = any(worst[name].value > _NEAR * limit_within(limits, name) for name in names)
             # A bound may be coarse where the limit leaves room for it; near the limit a close one takes long.
             for tried, most_short in ((loose, 1.0),) if near else ((goals, _CLOSE), (loose, 1.0)):
