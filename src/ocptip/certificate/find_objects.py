@@ -23,7 +23,6 @@ from ocptip.standing.limits import Limits
 from ocptip.standing.objects import GRIPPER, CarriedObject
 
 _NEAR = 0.9  # share of a limit, of sampled values, from which on no close bound is searched
-_CLOSE = 0.1  # share of intervals short of a close bound at first, from which on it is not searched
 
 
 @dataclass(eq=False)
@@ -73,8 +72,8 @@ def object_claims(
             result: SearchedClaims | None = None
             near = any(worst[name].value > _NEAR * limit_within(limits, name) for name in names)
             # A bound may be coarse where the limit leaves room for it; near the limit a close one takes long.
-            for tried, most_short in ((loose, 1.0),) if near else ((goals, _CLOSE), (loose, 1.0)):
-                result = SearchWithin(held, model, motion, world, tried, knots, data).claims(most_short)
+            for tried in (loose,) if near else (goals, loose):
+                result = SearchWithin(held, model, motion, world, tried, knots, data).claims()
                 if result is not None and not result.short:
                     break
             if result is None or result.short:
