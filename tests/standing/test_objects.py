@@ -320,7 +320,7 @@ def test_a_second_try_counts_what_the_first_one_gained():
         tried.append(factor)
         short = 0.5 + 0.408 / factor**2 - limit.number
         faults = [(limit, short, [0.1])] if short > 0 else []
-        known = {"proved_while_moving": not faults, "lacks_cancels": False}
+        known = {"proved_while_moving": not faults, "lacks_cancels": False, "worst": {}}
         return SimpleNamespace(check=SimpleNamespace(**known, not_proved=lambda asked: faults))
 
     found = proved_slower(again(1.0), again, [limit])
