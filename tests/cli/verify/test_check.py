@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from ocptip.api.check import offsets_of
+from ocptip.cli.layout import headline_of
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
 from ocptip.motion.files.output import sample_motion, write_motion_csv
@@ -125,7 +126,8 @@ def test_time_scale_lists_each_factor_and_keeps_the_exit_code(capsys, plan, task
     lines = capsys.readouterr().out.splitlines()
     slow, quick = (next(line for line in lines if line.split()[:1] == [f]) for f in ("1.2", "0.9"))
     assert slow.split()[:2] == ["1.2", "CHECKED"]
-    assert quick.split()[:3] == ["0.9", "LIMITS", "BROKEN"]
+    assert fast.worst["GN"].value > 1
+    assert quick.split()[:3] == ["0.9", "NOT", "STABLE"]
     assert f"{fast.worst['GN'].value:.3g}" in quick.split()
 
 
@@ -139,7 +141,7 @@ def test_samples_are_checked_like_commands(capsys, plan, task, tmp_path):
     assert samples["worst"]["GN"]["value"] == pytest.approx(commands["worst"]["GN"]["value"], rel=1e-3)
     assert (commands["interpolation"], samples["interpolation"]) == (None, "quintic Hermite polynomials")
     assert main(["check", str(csv), *PLAIN, "--case", "C", "--base", "effective"]) == 0
-    assert "note       checked is the curve through the samples" in capsys.readouterr().out
+    assert "Note    checked is the curve through the samples" in capsys.readouterr().out
     assert samples["energy_J"] == pytest.approx(commands["energy_J"], rel=1e-5)
 
 
@@ -281,9 +283,7 @@ def test_samples_with_noise_are_said_to_be_such(capsys, task, tmp_path):
         code = main([*head, *PLAIN, "--unit", "rad"])
         out = capsys.readouterr().out
         assert code in (0, 1)
-        assert (
-            "(the calmest motion within the noise of the samples, see note)" in out.splitlines()[0]
-        ) == noisy
+        assert ("(the calmest motion within the noise of the samples, see note)" in headline_of(out)) == noisy
         text = " ".join(out.split())
         assert ("noise of the samples; its maximum distance is 0.2" in text) == noisy
         assert ("rounding of the file; its maximum distance is 0.0001" in text) != noisy

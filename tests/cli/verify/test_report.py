@@ -137,6 +137,7 @@ def test_every_number_is_that_of_the_commands_printed_in_it(made, tmp_path, monk
     assert "<h2>Cancels</h2>" in page
     assert re.search("of the acceleration limits", page[page.index("<h2>Cancels") :])
     lines = [" ".join(unescape(re.sub("<.*?>", " ", one)).split()) for one in found]
+    lines = [re.sub("^(out|back): ", "", line) for line in lines]  # segments have headings in the terminal
     assert [line for line in lines if line not in said] == []
 
 
