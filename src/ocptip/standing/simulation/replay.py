@@ -64,8 +64,7 @@ class Replay:
         times: (T,), s, in the middle of steps.
         forces: (T, n), N, normal forces of the contacts.
         heights: (T, n), m, of the soles above the ground; of rigid clamps zero.
-        slides: (n,), m, the farthest that a sole that pressed was from where it stood at the start; NaN of
-            contacts without friction, which hold nothing there.
+        slides: (n,), m, the farthest that a pressing sole was from its start; NaN: it has no friction.
         end: of the motion, s.
         falls: the base fell over, or the simulation broke off.
         quiet: (T,) True outside of steps with a switching time, in which forces are means.
@@ -100,12 +99,6 @@ class Replay:
         moved = Moved(self.lift, self.slide), *self.objects.values()
         return not self.falls and all(body.stays for body in moved)
 
-    @property
-    def least(self) -> tuple[float, float, int]:
-        """Minimum normal force, N, when, s, and at which contact, from 1."""
-        row, k = np.unravel_index(np.argmin(self.forces), self.forces.shape)
-        return float(self.forces[row, k]), float(self.times[row]), int(k) + 1
-
 
 def simulator_numbers(robot: Robot, step: float) -> str:
     """The parameters of the simulator that influence a replay, in words."""
@@ -116,8 +109,8 @@ def simulator_numbers(robot: Robot, step: float) -> str:
         f"soles that give within {1e3 * time:.2g} ms, damping {damping:g}, impedance {numbers['solimp'][0]:g}"
     )
     springs = f", on springs with {100 * FOOT:g} % of the base's mass each" if elastic else ""
-    no_slip = f", {NO_SLIP} iterations against creep" if robot.objects else ""
-    return f"MuJoCo {library_mujoco().__version__}, step {1e3 * step:.3g} ms, {soles}{springs}{no_slip}"
+    springs += f", {NO_SLIP} iterations against creep" if robot.objects else ""
+    return f"MuJoCo {library_mujoco().__version__}, step {1e3 * step:.3g} ms, {soles}{springs}"
 
 
 def library_mujoco() -> Any:
