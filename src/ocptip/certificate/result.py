@@ -341,7 +341,8 @@ def _proved(verdict: Verdict, key: str, at_least: str) -> str:
         moment = verdict.moments[key] * (1 / share - 1) / (1 / bound - 1)
         digits = 10.0 ** (3 - math.floor(math.log10(moment)))
         return f">= {math.floor(moment * digits) / digits:.4g} N m"
-    return f"<= {np.ceil(1e4 * share) / 100:.2f} %"
+    rounded = np.ceil(1e4 * share) / 100
+    return f"<= {rounded:.2f} %" if share >= 1 or rounded < 100 else "< 100 %"
 
 
 def _tenths(distance: float) -> float:
