@@ -150,7 +150,7 @@ def of_segments(method: Method | None, seed: int, say: Callable[[str], None]) ->
             methods = methods_for(task, budget.given)
             if "path" not in methods:
                 methods = ("direct", "path")
-        if not needed and methods[0] == "path":
+        if not needed and methods[0] == "path" and line_overlap(task)[0] > NEARLY:
             methods = ("path",)
         states = among.MOST_STATES if needed else FEW_STATES
 
@@ -219,6 +219,8 @@ def _or_slow(
                 raise PlanningError(f"{error}; {more}") from None
         if slow is None:
             raise
+        if slow.interrupted:  # by hand
+            return slow
         return replace(slow, interrupted=budget.given, options={**slow.options, **out_of_time})
 
 

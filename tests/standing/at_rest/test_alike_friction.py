@@ -10,9 +10,11 @@ from ocptip.api.inputs.postures import RestingPosture
 from ocptip.api.stand import stand
 from ocptip.api.tasks import load_task
 from ocptip.cli.verify.stand import StandReport
+from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.tolerated import tolerated
+from ocptip.published.tasks import experiment_task
 from ocptip.reserves.equal_compliance import equal_sharing, equally_compliant
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import Robot
@@ -139,6 +141,17 @@ def test_the_first_contact_to_lift_pulls_beyond_its_push_and_no_other_push_lifts
     assert np.flatnonzero(pressing(1.001 * worst) < 0) + 1 == lift.contact
     for side in around(support.gravity, 180):
         assert pressing(0.999 * lift.force * side).min() > 0
+
+
+def test_a_rigid_clamp_is_not_named_as_the_first_to_lift():
+    """It never lets go, though its force may be negative; the two feet beside it do."""
+    task = experiment_task("A")
+    old, *feet = (replace(contact, stiffness=1e6) for contact in task.robot.support.contacts)  # pyright: ignore
+    jaws = {"friction_upper": 0.5, "friction_lower": 0.5}
+    clamp = RigidClamp(position=old.position, normal=old.normal, stiffness=1e6, **jaws)
+    robot = task.robot.varied(support=task.robot.support.varied([clamp, *feet]))
+    lift = RestingPosture.of("A", "given", robot, task.start, Limits()).first_lift
+    assert lift is None or lift.contact != 1
 
 
 def test_equally_compliant_wheels_bear_a_third_of_the_process_that_the_best_sharing_does():

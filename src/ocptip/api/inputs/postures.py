@@ -222,7 +222,8 @@ class RestingPosture:
         if normal_map is None or self.largest_slope is None:
             return None
         loads, down = RestLoads(Robot.of(self.robot), self.q[None]), gravity / np.linalg.norm(gravity)
-        forces = normal_map @ loads.wrenches(gravity)[0]
+        springs = self.robot.support.elastic  # clamps let go below zero, rigid ones never
+        forces = normal_map @ loads.wrenches(gravity)[0] - (springs.lowest if springs else 0.0)
         per_newton = normal_map @ np.column_stack([loads.at_tool(axis)[0] for axis in np.eye(3)])
         level = per_newton - np.outer(per_newton @ down, down)
         sizes = np.linalg.norm(level, axis=1)

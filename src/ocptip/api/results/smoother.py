@@ -48,9 +48,8 @@ class Smoother:
         cost = f"up to {100 * max(self._cost, 0.0):.2g} % of the limits"
         if self.reverses:
             return f"reverse: as fast as forward, with one limit for both directions; it costs {cost}"
-        (speed, _, turn), (along, _, start) = self.reversible["max_velocity"], self.reversible["max_accel"]
-        turn, along, start = (f"{np.trunc(1e3 * value) / 1e3:.3f}" for value in (turn, along, start))
-        return (
-            f"reverse: no, one limit for both directions costs {cost}. For min_velocity -{speed:.4g} m/s set "
-            f"max_accel and max_decel to {along} m/s^2 and {start} rad/s^2, max_velocity to {turn} rad/s"
+        values = ", ".join(
+            f"{name} [{', '.join(f'{np.trunc(1e3 * value) / 1e3 + 0.0:.3f}' for value in vector)}]"
+            for name, vector in self.reversible.items()
         )
+        return f"reverse: no, one limit for both directions costs {cost}. To allow it set {values}"

@@ -50,7 +50,7 @@ class SimulateReport(ResultReport):
     def to_text(self) -> str:
         """Verdict, forces, lifts and slides."""
         seen, other = self.result.replay, self.result.library
-        limits = f"{1e3 * LIFTED:g} mm high, none slides by more than {1e3 * SLID:g} mm"
+        limits = f"{1e3 * LIFTED:g} mm high, none with friction slides by more than {1e3 * SLID:g} mm"
         what = "No foot and no object" if seen.objects else "No foot"
         verdict = f"STABLE in the simulator. {what} gets {limits}"
         if not seen.stands:

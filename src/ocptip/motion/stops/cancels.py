@@ -207,10 +207,12 @@ class SafeDecelerations:
             remedy = "" if unhelpful else ", or plan with --stop-safe cancel"
             return "" if self.hardest.safe else f". Set that in the controller{remedy}"
         if self.best_sharing:
-            return ". What helps: more friction, a slower motion, or `stiffness` of the contacts where known"
+            return ". What helps: more friction, or `stiffness` of the contacts where known"
+        if self.together or self.planned:
+            return ""
         if self.not_planned:
             return f". {_not_planned_words(self.not_planned)}"
-        return "" if self.together or self.planned else _to_plan_words([self.to_plan_for])
+        return _to_plan_words([self.to_plan_for])
 
     @property
     def not_planned(self) -> set[str]:
@@ -233,7 +235,8 @@ class SafeDecelerations:
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         rows = [
-            {**vars(level), "broken": broken_words(self.robot, level.broken), "safe": level.safe}
+            {name: value for name, value in vars(level).items() if name != ALIKE or value is not None}
+            | {"broken": broken_words(self.robot, level.broken), "safe": level.safe}
             for level in self.levels
         ]
         greatest = None if self.maximum is None else [self.maximum * a for a in self.full]
@@ -396,8 +399,8 @@ def _levels(
         if alike and not broken:
             result = alike_of_cancels(worst_case_of(robot, tolerance), motion, scaled, times)
             alike += [result.value] if result else []
-        # Of limits that are broken equally often, contacts are named first: their loss is the worse one.
-        broken.sort(key=lambda one: (-np.nan_to_num(one.share), -one.excess / (abs(one.limit) or 1e-9)))
+        # A contact that is lost within the uncertainty has no share, and comes first: its loss is the worst.
+        broken.sort(key=lambda one: (-np.nan_to_num(one.share, nan=np.inf), -one.excess))
         return CancelLevel(
             share=share,
             GN=float(np.max(stops.GN)),
