@@ -15,13 +15,14 @@ from scipy import sparse
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
-from ocptip.motion.files.execution import execute
+from ocptip.motion.files.execution import SLOWEST, execute
 from ocptip.motion.objective import ENERGY, TIME
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.fastest import ExtraRows, Grid, enough, fastest, spaced
 from ocptip.retiming.retime import _slowed as slowed_as_needed
 from ocptip.retiming.retime import least_cost, retime
 from ocptip.retiming.rows import Places, TimingLimits
+from ocptip.retiming.whole_body import Run
 from ocptip.standing.limits import Limits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.path import JointPath
@@ -149,13 +150,13 @@ def test_what_timing_can_cure_is_cured_although_clearance_is_not():
     hasty = found.motion.time_scaled(0.97)
     before = check_motion(task.robot, hasty, limits)
     assert len(before.violations) > 1
-    slowed, checked, factor = slowed_as_needed(task.robot, hasty, limits, before)
+    slowed, checked, factor = slowed_as_needed(Run(task.robot, hasty, False), limits, before, SLOWEST)
     run = execute(task.robot, hasty, limits, "cubic")
     assert run.slower == pytest.approx(factor, abs=2e-3)
     for after in (found.check, checked, run.check):
         assert [name for name, worst in after.worst.items() if worst.broken] == ["clearance_m"]
         assert len(after.violations) == 1
-    assert slowed.end == pytest.approx(factor * hasty.end)
+    assert slowed.motion.end == pytest.approx(factor * hasty.end)
     assert 1.0 < factor < 1.05
 
 
