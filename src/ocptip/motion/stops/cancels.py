@@ -56,8 +56,9 @@ class CancelLevel:
         longest_stop_s: from the cancel until everything rests.
         clearance_m: the smallest distance; None where it is not known.
         stops: in time, in the joint range and in clear space, whatever becomes of contacts and drives.
-        broken: limits; first those that cancels break from the largest share of the instants, then by the
-            largest share of the limit. Empty where the stops are safe.
+        broken: limits; a contact that is lost within the uncertainty first, then those that cancels break
+            from the largest share of the instants, then by the largest share of the limit. Empty where the
+            stops are safe.
         friction_if_feet_give_alike: share of the friction that equally compliant feet use, at least, within
             the uncertainty where no other limit is broken; None: another sharing of the load uses no more.
     """
@@ -400,7 +401,9 @@ def _levels(
             result = alike_of_cancels(worst_case_of(robot, tolerance), motion, scaled, times)
             alike += [result.value] if result else []
         # A contact that is lost within the uncertainty has no share, and comes first: its loss is the worst.
-        broken.sort(key=lambda one: (-np.nan_to_num(one.share, nan=np.inf), -one.excess))
+        broken.sort(
+            key=lambda one: (-np.nan_to_num(one.share, nan=np.inf), -one.excess / (abs(one.limit) or 1.0))
+        )
         return CancelLevel(
             share=share,
             GN=float(np.max(stops.GN)),
