@@ -296,8 +296,8 @@ class _Legs:
         promise it may cost less than any that is planned.
         """
         sequences = [_legs(sequence) for sequence in self._sequences]
-        least = min((sum(map(self._cost, legs)) for legs in sequences), default=np.inf)
-        if least == np.inf:
+        cheapest = min((sum(map(self._cost, legs)) for legs in sequences), default=np.inf)
+        if cheapest == np.inf:
             return any(leg in legs and not self._errors.keys() & legs for legs in sequences)
         share = SPARED * min(self._cost(one) / self._default(one) for one in self._plans)
 
@@ -305,7 +305,7 @@ class _Legs:
             known = one in self._plans or one in self._errors
             return self._cost(one) if known else share * self._default(one)
 
-        return any(leg in legs and not sum(map(lowest, legs)) >= least for legs in sequences)
+        return any(leg in legs and not sum(map(lowest, legs)) >= cheapest for legs in sequences)
 
     def _cost(self, leg: Leg) -> float:
         """Of the plan of a leg and the rest after it, in units of the objective's size; infinite without."""

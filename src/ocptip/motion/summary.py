@@ -223,8 +223,10 @@ def _title(row: MotionMargin) -> str:
 
 def at_text(row: MotionMargin, instant: Margin | None) -> str:
     """A value and when it occurs."""
-    timed = instant is not None and math.isfinite(instant.value) and instant.time is not None
-    return value_text(row, instant) + (f" @{max(instant.time or 0.0, 0.0):.3f}s" if instant and timed else "")
+    text = value_text(row, instant)
+    if instant is None or instant.time is None or math.isinf(instant.value):
+        return text
+    return f"{text} @{max(instant.time, 0.0):.3f}s"
 
 
 def value_text(row: MotionMargin, instant: Margin | None) -> str:

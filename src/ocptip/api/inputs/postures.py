@@ -287,8 +287,10 @@ class RestingPosture:
                 case = posture_case(other, self.q, counts)(counts)
                 return case.tip()[0] < 1 and case.slip()[0] < 1
 
-            if kept(1.0) or not kept(0.0):
-                return 1.0 if kept(1.0) else 0.0
+            if kept(1.0):
+                return 1.0
+            if not kept(0.0):
+                return 0.0
             return border(kept, 0.0, 1.0, lambda low, high: high - low <= _CLOSE)[0]
 
         alike = (robot := Robot.of(self.robot)).if_alike
@@ -349,11 +351,9 @@ class RestingPosture:
             "units": list(self.robot.units),
             "torques": self.instant.torques[0].tolist(),
             "broken": self.refusals,
-            **{
-                name: result and vars(result)
-                for name in ("largest_push", "largest_horizontal_push", "first_lift")
-                for result in (getattr(self, name),)
-            },
+            "largest_push": self.largest_push and vars(self.largest_push),
+            "largest_horizontal_push": self.largest_horizontal_push and vars(self.largest_horizontal_push),
+            "first_lift": self.first_lift and vars(self.first_lift),
         }
 
 

@@ -109,8 +109,8 @@ def simulator_numbers(robot: Robot, step: float) -> str:
         f"soles that give within {1e3 * time:.2g} ms, damping {damping:g}, impedance {numbers['solimp'][0]:g}"
     )
     springs = f", on springs with {100 * FOOT:g} % of the base's mass each" if elastic else ""
-    springs += f", {NO_SLIP} iterations against creep" if robot.objects else ""
-    return f"MuJoCo {library_mujoco().__version__}, step {1e3 * step:.3g} ms, {soles}{springs}"
+    no_slip = f", {NO_SLIP} iterations against creep" if robot.objects else ""
+    return f"MuJoCo {library_mujoco().__version__}, step {1e3 * step:.3g} ms, {soles}{springs}{no_slip}"
 
 
 def library_mujoco() -> Any:
